@@ -1,0 +1,1 @@
+"""A digital twin of electro-hydraulic actuators: live beside the rig, and offline on bags."""

@@ -1,0 +1,1 @@
+"""Recordings: bags and tables in, uniform columns out, and back into a bag."""

@@ -1,0 +1,75 @@
+"""What a recording is once it is read: uniform columns, in uninterrupted stretches."""
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+
+import numpy as np
+import numpy.typing as npt
+
+FloatArray = npt.NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Series:
+    """One uninterrupted stretch of samples on a uniform time grid.
+
+    Attributes:
+        columns: signal name -> samples, all of one length, in the units of the plant.
+        sample_time: distance of two samples [s].
+        start: stamp of the first sample [ns].
+        source: the bag that it comes from, as the user named it.
+    """
+
+    columns: Mapping[str, FloatArray]
+    sample_time: float
+    start: int = 0
+    source: str = ''
+
+    def __len__(self) -> int:
+        """Count the samples."""
+        return len(next(iter(self.columns.values())))
+
+    def __getitem__(self, signal: str) -> FloatArray:
+        """Return the samples of one signal."""
+        return self.columns[signal]
+
+    def part(self, begin: int, end: int) -> Series:
+        """Cut out the samples begin <= k < end, as a series of its own."""
+        return replace(
+            self,
+            columns={name: column[begin:end] for name, column in self.columns.items()},
+            start=self.start + round(begin * self.sample_time * 1e9),
+        )
+
+
+@dataclass(frozen=True)
+class Source:
+    """A file or bag that data came from, with what is needed to know it again."""
+
+    path: str
+    sha256: str
+
+
+@dataclass(frozen=True)
+class Recording:
+    """All the series of one or several bags, in the order given."""
+
+    series: tuple[Series, ...]
+    sources: tuple[Source, ...] = ()
+
+    def __add__(self, other: Recording) -> Recording:
+        """Append the series of another recording."""
+        return Recording(self.series + other.series, self.sources + other.sources)
+
+
+def split_thirds(recording: Recording) -> tuple[Recording, Recording]:
+    """Split every series: the first third is the test part, the rest trains [B19].
+
+    Returns:
+        (train, test), each a recording with one series for each series given.
+    """
+    cuts = [len(series) // 3 for series in recording.series]
+    test = tuple(s.part(0, cut) for s, cut in zip(recording.series, cuts, strict=True))
+    train = tuple(s.part(cut, len(s)) for s, cut in zip(recording.series, cuts, strict=True))
+    return Recording(train, recording.sources), Recording(test, recording.sources)

@@ -1,0 +1,60 @@
+"""Package hydro_twin for pip and for colcon (ament_python)."""
+from pathlib import Path
+
+from setuptools import find_packages, setup
+
+NAME = 'hydro_twin'
+VERBS = ('node', 'replay', 'refit', 'trace', 'simulate', 'import', 'compare')
+
+
+def share(folder: str, *patterns: str) -> list[tuple[str, list[str]]]:
+    """List the files of a folder, with its sub-folders, as data files of the package."""
+    groups: dict[str, list[str]] = {}
+    for pattern in patterns:
+        for path in sorted(Path(folder).rglob(pattern)):
+            if path.is_file():
+                groups.setdefault(f'share/{NAME}/{path.parent}', []).append(str(path))
+    return list(groups.items())
+
+
+setup(
+    name=NAME,
+    version='0.1.0',
+    description='ROS 2 digital twin for electro-hydraulic actuators that closes the loop '
+                'with measured data',
+    license='Apache-2.0',
+    author='The hydro_twin developers',
+    author_email='hydro_twin@users.noreply.github.com',
+    maintainer='The hydro_twin developers',
+    maintainer_email='hydro_twin@users.noreply.github.com',
+    python_requires='==3.12.*',
+    packages=find_packages(include=[NAME, f'{NAME}.*']),
+    package_data={NAME: ['py.typed', 'report/*.html', 'report/*.jinja', 'report/*.css',
+                         'report/*.js']},
+    data_files=[
+        ('share/ament_index/resource_index/packages', [f'resource/{NAME}']),
+        (f'share/{NAME}', ['package.xml']),
+        *share('config', '*'),
+        *share('launch', '*_launch.py'),
+        *share('bags', '*'),
+    ],
+    install_requires=[
+        'jinja2>=3.1',
+        'matplotlib>=3.6',
+        'numba>=0.59',
+        'numpy>=1.26',
+        'PyYAML>=6',
+        'rich>=13',
+        'rosbags>=0.11.5',
+        'safetensors>=0.4',
+        'scipy>=1.11',
+    ],
+    extras_require={
+        'ros': ['ros-jazzy-rclpy[fastrtps]', 'ros-jazzy-common-interfaces'],
+        'learn': ['torch>=2.2'],
+    },
+    entry_points={
+        'console_scripts': [f'{NAME.replace("_", "-")} = {NAME}.commands.main:main'] + [
+            f'{verb} = {NAME}.commands.main:run_{verb}' for verb in VERBS],
+    },
+)
