@@ -1,0 +1,170 @@
+"""What a plant is: linear laws joined at named ports, with parameters, units and bounds."""
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+
+import numpy as np
+import numpy.typing as npt
+
+from hydro_twin.errors import ModelError
+
+FloatArray = npt.NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Parameter:
+    """A physical parameter of a plant.
+
+    Attributes:
+        lower, upper: the box in which an optimiser looks for it.
+        minimum, maximum: the physical range; a model with a value outside it is refused.
+    """
+
+    name: str
+    meaning: str
+    unit: str
+    lower: float
+    upper: float
+    minimum: float
+    maximum: float
+
+
+@dataclass(frozen=True)
+class Constant:
+    """A quantity of the rig that no recording can tell, with its default."""
+
+    name: str
+    meaning: str
+    unit: str
+    value: float
+
+
+@dataclass(frozen=True)
+class Signal:
+    """An input or the output; a held one is a command, which keeps its value until the next."""
+
+    name: str
+    meaning: str
+    unit: str
+    held: bool = False
+
+
+@dataclass(frozen=True)
+class Port:
+    """A place between two laws, at which an effect may act.
+
+    Attributes:
+        name: what reports call it; ports of one name are the same place seen in two quantities.
+        kind: what sort of quantity passes here; an effect sits on kinds, not on plants.
+        unit: unit of that quantity.
+        signals: what an effect may read here beside the value: name -> unit.
+    """
+
+    name: str
+    kind: str
+    unit: str
+    meaning: str
+    signals: Mapping[str, str] = field(default_factory=dict)
+
+
+@dataclass(frozen=True)
+class Laws:
+    """The linear laws of a plant for one set of parameters.
+
+    With states x, inputs u and d, what the effects add to the value of each port:
+        x' = A x + B u + E d
+        value of port p = (port_x x + port_u u + port_d d)[p] + d[p],  port_d strictly lower
+        signals at the ports, port after port = signal_x x + signal_u u + signal_d d
+    The output is the value of the last port.
+    """
+
+    A: FloatArray
+    B: FloatArray
+    E: FloatArray
+    port_x: FloatArray
+    port_u: FloatArray
+    port_d: FloatArray
+    signal_x: FloatArray
+    signal_u: FloatArray
+    signal_d: FloatArray
+
+    @property
+    def C(self) -> FloatArray:
+        """Output row for the states, shape (1, n)."""
+        return self.port_x[-1:]
+
+    @property
+    def D(self) -> FloatArray:
+        """Output row for the inputs, shape (1, m)."""
+        return self.port_u[-1:]
+
+
+@dataclass(frozen=True)
+class Plant:
+    """One kind of actuator.
+
+    Attributes:
+        inputs: in the order of the columns of B.
+        laws: parameters and constants by name -> the linear laws.
+        combinations: groups of parameters that act only together, whatever is recorded, as the
+            product of powers that can be known: ({'V_m': 1, 'beta_e': -1}, ...).
+        output_scale: a typical large output, by which networks scale theirs.
+    """
+
+    name: str
+    title: str
+    sample_time: float
+    inputs: tuple[Signal, ...]
+    output: Signal
+    states: tuple[str, ...]
+    parameters: tuple[Parameter, ...]
+    constants: tuple[Constant, ...]
+    ports: tuple[Port, ...]
+    laws: Callable[[Mapping[str, float]], Laws]
+    combinations: tuple[Mapping[str, int], ...] = ()
+    output_scale: float = 1.0
+
+    @property
+    def signals(self) -> tuple[Signal, ...]:
+        """All inputs, then the output."""
+        return (*self.inputs, self.output)
+
+    @property
+    def order(self) -> int:
+        """Number of states, which is the order of the difference equation."""
+        return len(self.states)
+
+    def constant_values(self, given: Mapping[str, float] | None = None) -> dict[str, float]:
+        """Merge constants given by the user into the defaults.
+
+        Raises:
+            ModelError: a name that is not a constant of this plant, or a value not above zero.
+        """
+        values = {constant.name: constant.value for constant in self.constants}
+        for name, value in (given or {}).items():
+            if name not in values:
+                known = ', '.join(values) or 'none'
+                raise ModelError(f'{self.name} has no constant {name}; it has {known}')
+            if not (np.isfinite(value) and value > 0):
+                raise ModelError(f'constant {name} = {value}: must be a positive number')
+            values[name] = float(value)
+        return values
+
+    def check(self, parameters: Mapping[str, float]) -> None:
+        """Refuse a set of parameters that is not this plant's or not physical.
+
+        Raises:
+            ModelError: a parameter is missing, unknown, or outside its physical range.
+        """
+        names = {parameter.name for parameter in self.parameters}
+        if unknown := sorted(set(parameters) - names):
+            raise ModelError(f'{self.name} has no parameter {", ".join(unknown)}')
+        for p in self.parameters:
+            if p.name not in parameters:
+                raise ModelError(f'parameter {p.name} of {self.name} is missing')
+            if not p.minimum <= parameters[p.name] <= p.maximum:
+                raise ModelError(
+                    f'{p.name} = {parameters[p.name]:g} {p.unit} is outside its physical range '
+                    f'{p.minimum:g} to {p.maximum:g}')
+
