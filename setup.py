@@ -7,21 +7,20 @@ NAME = 'hydro_twin'
 VERBS = ('node', 'replay', 'refit', 'trace', 'simulate', 'import', 'compare')
 
 
-def share(folder: str, *patterns: str) -> list[tuple[str, list[str]]]:
+def share(folder: str, pattern: str) -> list[tuple[str, list[str]]]:
     """List the files of a folder, with its sub-folders, as data files of the package."""
     groups: dict[str, list[str]] = {}
-    for pattern in patterns:
-        for path in sorted(Path(folder).rglob(pattern)):
-            if path.is_file():
-                groups.setdefault(f'share/{NAME}/{path.parent}', []).append(str(path))
+    for path in sorted(Path(folder).rglob(pattern)):
+        if path.is_file():
+            groups.setdefault(f'share/{NAME}/{path.parent}', []).append(str(path))
     return list(groups.items())
 
 
 setup(
     name=NAME,
     version='0.1.0',
-    description='ROS 2 digital twin for electro-hydraulic actuators that closes the loop '
-                'with measured data',
+    description='ROS 2 digital twin of electro-hydraulic actuators that improves its own model '
+                'from recorded data',
     license='Apache-2.0',
     author='The hydro_twin developers',
     author_email='hydro_twin@users.noreply.github.com',
@@ -34,6 +33,9 @@ setup(
     data_files=[
         ('share/ament_index/resource_index/packages', [f'resource/{NAME}']),
         (f'share/{NAME}', ['package.xml']),
+        # For `ros2 run`. As console scripts, `node` and `import` would end up in the PATH of a
+        # plain install, before Node.js and ImageMagick.
+        (f'lib/{NAME}', [f'scripts/{verb}' for verb in VERBS]),
         *share('config', '*'),
         *share('launch', '*_launch.py'),
         *share('bags', '*'),
@@ -53,8 +55,5 @@ setup(
         'ros': ['ros-jazzy-rclpy[fastrtps]', 'ros-jazzy-common-interfaces'],
         'learn': ['torch>=2.2'],
     },
-    entry_points={
-        'console_scripts': [f'{NAME.replace("_", "-")} = {NAME}.commands.main:main'] + [
-            f'{verb} = {NAME}.commands.main:run_{verb}' for verb in VERBS],
-    },
+    entry_points={'console_scripts': [f'hydro-twin = {NAME}.commands.main:main']},
 )

@@ -22,6 +22,7 @@ import json
 import math
 import sys
 from collections.abc import Sequence
+from typing import NoReturn
 
 from hydro_twin.errors import UserError
 
@@ -39,6 +40,13 @@ REMEDIES = {   # module that a plain install may lack -> where it comes from
     'rclpy': "source ROS 2 Jazzy, or install 'hydro_twin[ros]'",
     'torch': "install 'hydro_twin[learn]'",
 }
+
+
+class _Parser(argparse.ArgumentParser):
+    """A parser that complains on one line."""
+
+    def error(self, message: str) -> NoReturn:
+        self.exit(2, f"{self.prog}: {message}; '{self.prog} --help' tells more\n")
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -65,7 +73,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 def _run(verb: str, argv: list[str]) -> int:
     """Run a verb whose module follows the contract above."""
-    parser = argparse.ArgumentParser(
+    parser = _Parser(
         prog=PROG, description='A digital twin of electro-hydraulic actuators.',
         epilog=f"'{PROG} VERB --help' tells more.")
     parser.add_argument('--version', action='store_true', help='print the version and exit')
