@@ -1,0 +1,155 @@
+"""What the verbs share: arguments, what these stand for, and a display of progress."""
+from __future__ import annotations
+
+import argparse
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from hydro_twin.errors import UserError
+
+if TYPE_CHECKING:
+    from hydro_twin.plants import Plant
+    from hydro_twin.recording.series import Recording
+    from hydro_twin.recording.signals import SignalMap
+
+
+@dataclass(frozen=True)
+class Rig:
+    """The plant at hand, and what is known of this copy of it.
+
+    Attributes:
+        plant: with the sample time of the configuration, where that gives one.
+        constants: all constants of the plant, in SI units.
+        signals: where the plant's inputs and its output are found in messages.
+    """
+
+    plant: Plant
+    constants: dict[str, float]
+    signals: dict[str, SignalMap]
+
+
+def add_rig_arguments(parser: argparse.ArgumentParser) -> None:
+    """Add what names the rig: --plant, --config and --constant."""
+    parser.add_argument('--plant', required=True, metavar='PLANT',
+                        help='load_simulator, valve_servo, cylinder or positioning')
+    add_config_argument(parser)
+    parser.add_argument('--constant', action='append', default=[], type=assignment,
+                        metavar='NAME=VALUE', help='a constant of the rig, as D_m=2.2e-5; '
+                        'may be repeated')
+
+
+def add_config_argument(parser: argparse.ArgumentParser) -> None:
+    """Add --config."""
+    parser.add_argument('--config', type=Path, metavar='FILE',
+                        help="ROS parameter file with signals and constants (default: the plant's)")
+
+
+def add_bag_arguments(parser: argparse.ArgumentParser) -> None:
+    """Add the bags to learn from, BAG..., and those to test on, --test."""
+    parser.add_argument('bags', nargs='+', type=Path, metavar='BAG', help='a rosbag2 recording')
+    parser.add_argument('--test', action='append', default=[], type=Path, metavar='BAG',
+                        help='a recording to test on, may be repeated; '
+                        'default: the first third of every series')
+
+
+def add_seed_argument(parser: argparse.ArgumentParser) -> None:
+    """Add --seed."""
+    parser.add_argument('--seed', type=int, default=0, help='of all that is random (default: 0)')
+
+
+def assignment(text: str) -> tuple[str, float]:
+    """Split NAME=VALUE.
+
+    Raises:
+        argparse.ArgumentTypeError: it is not of that form.
+    """
+    name, equals, value = text.partition('=')
+    try:
+        if not name or not equals:
+            raise ValueError
+        return name, float(value)
+    except ValueError:
+        raise argparse.ArgumentTypeError(f'{text!r} should read like D_m=2.2e-5') from None
+
+
+def rig_from(args: argparse.Namespace) -> Rig:
+    """Gather what --plant, --config and --constant say of the rig.
+
+    Raises:
+        UserError: one of them is wrong.
+    """
+    from hydro_twin.plants import plant_named
+
+    return rig_of(plant_named(args.plant), args.config, dict(args.constant))
+
+
+def rig_of(plant: Plant, config: Path | None = None,
+           constants: dict[str, float] | None = None) -> Rig:
+    """Gather what a configuration says of a plant; `constants` take precedence over it.
+
+    Raises:
+        UserError: the configuration or a constant is wrong.
+    """
+    from hydro_twin.recording.signals import load_constants, load_parameters, load_signals, number
+
+    signals = load_signals(plant.name, [signal.name for signal in plant.signals], config)
+    given = load_parameters(config) if config else {}
+    if 'sample_time' in given:
+        sample_time = number(given['sample_time'], f'{config}: sample_time')
+        if sample_time <= 0:
+            raise UserError(f'{config}: sample_time must be above zero, not {sample_time:g}')
+        plant = replace(plant, sample_time=sample_time)
+    values = plant.constant_values(load_constants(plant.name, config) | (constants or {}))
+    return Rig(plant, values, signals)
+
+
+def read(bags: Sequence[Path], rig: Rig) -> Recording:
+    """Read bags onto the time grid of the plant, commands held and measurements interpolated.
+
+    Raises:
+        BagError: a bag cannot be read, or lacks a signal.
+    """
+    from hydro_twin.recording import read_recording
+
+    held = {signal.name for signal in rig.plant.signals if signal.held}
+    with progress('reading'):
+        return read_recording(bags, rig.signals, held, rig.plant.sample_time)
+
+
+def train_and_test(args: argparse.Namespace, rig: Rig) -> tuple[Recording, Recording]:
+    """Read BAG... and --test; without the latter, the first third of every series tests [B19].
+
+    Returns:
+        (train, test).
+
+    Raises:
+        BagError: a bag cannot be read, or lacks a signal.
+    """
+    from hydro_twin.recording.series import split_thirds
+
+    recording = read(args.bags, rig)
+    if args.test:
+        return recording, read(args.test, rig)
+    return split_thirds(recording)
+
+
+@contextmanager
+def progress(what: str, total: int | None = None) -> Iterator[Callable[[], None]]:
+    """Show on standard error that something takes time.
+
+    Args:
+        what: is being done.
+        total: number of steps; None if that is not known.
+
+    Yields:
+        A function to call after each step.
+    """
+    from rich.console import Console
+    from rich.progress import Progress
+
+    with Progress(console=Console(stderr=True), transient=True) as bar:
+        task = bar.add_task(what, total=total)
+        yield lambda: bar.advance(task)
