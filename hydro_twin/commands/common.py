@@ -44,7 +44,7 @@ def add_rig_arguments(parser: argparse.ArgumentParser) -> None:
 def add_config_argument(parser: argparse.ArgumentParser) -> None:
     """Add --config."""
     parser.add_argument('--config', type=Path, metavar='FILE',
-                        help="ROS parameter file with signals and constants (default: the plant's)")
+                        help='ROS parameter file with signals and constants')
 
 
 def add_bag_arguments(parser: argparse.ArgumentParser) -> None:

@@ -16,12 +16,12 @@ What goes wrong is raised: a `UserError` becomes one line on standard error and 
 from __future__ import annotations
 
 import argparse
+from collections.abc import Sequence
 import contextlib
 import importlib
 import json
 import math
 import sys
-from collections.abc import Sequence
 from typing import NoReturn
 
 from hydro_twin.errors import UserError
