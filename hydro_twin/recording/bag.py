@@ -1,0 +1,280 @@
+"""Signals out of a rosbag2 bag, as recorded: their samples with their stamps."""
+from __future__ import annotations
+
+from collections import defaultdict
+from collections.abc import Collection, Iterator, Mapping
+from contextlib import contextmanager
+from dataclasses import dataclass, field
+from itertools import batched
+from pathlib import Path
+import sqlite3
+from typing import Any
+
+import numpy as np
+
+from hydro_twin.errors import BagError
+from hydro_twin.recording import mcap
+from hydro_twin.recording.cdr import Batch, CdrError, Extractor, IntArray
+from hydro_twin.recording.series import FloatArray
+from hydro_twin.recording.signals import SignalMap
+
+STORAGES = ('.mcap', '.db3')
+STAMP = ('header.stamp.sec', 'header.stamp.nanosec')
+LOT = 16384   # messages in a batch
+
+
+@dataclass(frozen=True)
+class Samples:
+    """One signal as recorded, in the unit of the plant.
+
+    Attributes:
+        stamps: strictly increasing [ns].
+        stamped: whether they come from the messages' headers, else they are receive times.
+    """
+
+    stamps: IntArray
+    values: FloatArray
+    stamped: bool
+
+
+@dataclass
+class _Topic:
+    """What was read of one topic so far."""
+
+    extractor: Extractor
+    stamped: bool
+    promised: int
+    received: list[IntArray] = field(default_factory=list)
+    values: dict[str, list[FloatArray]] = field(default_factory=lambda: defaultdict(list))
+    present: dict[str, list[Any]] = field(default_factory=lambda: defaultdict(list))
+
+
+def read_signals(path: Path, signals: Mapping[str, SignalMap], optional: Collection[str] = (),
+                 ) -> dict[str, Samples]:
+    """Read signals from one bag: a folder, or a single .mcap or .db3 file.
+
+    Args:
+        path: the bag.
+        signals: where each signal is found.
+        optional: signals whose topic may be absent; they are then left out of the result.
+
+    Raises:
+        BagError: there is no such bag, it is damaged, or it does not hold the signals.
+    """
+    with _opened(path) as reader:
+        held = _find_topics(path, reader, signals, optional)
+        signals = {name: signal for name, signal in signals.items() if signal.topic in held}
+        topics = {}
+        for topic, connections in held.items():
+            msgtype = connections[0].msgtype
+            store = _typestore(reader, msgtype)
+            stamped = dict(store.fielddefs[msgtype][1]).get('header', (0, ''))[1] == \
+                'std_msgs/msg/Header'
+            paths = {signal.field for signal in signals.values() if signal.topic == topic}
+            topics[topic] = _Topic(
+                Extractor(msgtype, store, [*STAMP, *paths] if stamped else [*paths]), stamped,
+                sum(connection.msgcount for connection in connections))
+        for topic, batch in _batches(reader, held):
+            _take(path, topic, topics[topic], batch)
+    for topic, found in topics.items():
+        count = sum(map(len, found.received))
+        if count != found.promised:
+            raise BagError(f'{path}: the bag promises {found.promised} messages on {topic}, '
+                           f"but holds {count}: is it damaged? 'ros2 bag reindex' counts anew")
+    return {name: _samples(path, name, signal, topics[signal.topic])
+            for name, signal in signals.items()}
+
+
+@contextmanager
+def _opened(path: Path) -> Iterator[Any]:
+    """Open a bag, and turn all that reading it may raise into one line."""
+    from rosbags.highlevel import AnyReader, AnyReaderError
+    from rosbags.rosbag2 import ReaderError
+    from rosbags.typesys import get_typestore, Stores
+
+    _check_path(path)
+    try:
+        with AnyReader([path], default_typestore=get_typestore(Stores.ROS2_JAZZY)) as reader:
+            yield reader
+    except BagError:
+        raise
+    except PermissionError as error:
+        raise BagError(f'{path}: {error.strerror}') from None
+    except (AnyReaderError, ReaderError, mcap.CutError, sqlite3.Error, OSError, ValueError,
+            OverflowError, LookupError, TypeError, AssertionError, RuntimeError) as error:
+        # rosbags lets out whatever a damaged byte causes: there is no narrower set.
+        raise BagError(_damage(path, error)) from error
+
+
+def _check_path(path: Path) -> None:
+    """Refuse what cannot be a bag."""
+    if not path.exists():
+        raise BagError(f'{path}: no such bag')
+    if path.is_file() and path.suffix not in STORAGES:
+        raise BagError(f'{path} is not a rosbag2 bag: that is a folder with metadata.yaml, or a '
+                       '.mcap or .db3 file')
+    if path.is_dir() and not (path / 'metadata.yaml').is_file():
+        files = sorted(str(file) for file in path.iterdir() if file.suffix in STORAGES)
+        remedy = f"'ros2 bag reindex {path}' mends it, or name {files[0]}" if files else \
+            'name the folder that holds it'
+        raise BagError(f'{path} is not a whole rosbag2 bag: it has no metadata.yaml; {remedy}')
+
+
+def _damage(path: Path, error: Exception) -> str:
+    """Say how a bag is broken, and how much of it could be read."""
+    files = [path] if path.is_file() else sorted(path.glob('*.mcap'))
+    for file in files:
+        if file.suffix != '.mcap' or file.stat().st_size < 2 * mcap.MAGIC:
+            continue
+        with file.open('rb') as bytes_:
+            head = bytes_.read(mcap.MAGIC)
+            bytes_.seek(-mcap.MAGIC, 2)
+            whole = bytes_.read() == head
+        if head[1:5] == b'MCAP' and not whole:
+            count, seconds = mcap.readable(file)
+            return (f'{file} is cut short (was its recorder killed?): {count} messages over '
+                    f"{seconds:.1f} s can still be read; 'mcap recover {file}' saves them")
+    return f'{path} is damaged or not a rosbag2 bag: {error or type(error).__name__}'
+
+
+def _find_topics(path: Path, reader: Any, signals: Mapping[str, SignalMap],
+                 optional: Collection[str]) -> dict[str, list[Any]]:
+    """Find the topics of the signals in the bag."""
+    held: dict[str, list[Any]] = defaultdict(list)
+    for connection in reader.connections:
+        held[connection.topic].append(connection)
+    if not any(connection.msgcount for connection in reader.connections):
+        raise BagError(f'{path} holds no messages')
+    wanted: dict[str, list[Any]] = {}
+    for name, signal in signals.items():
+        types = {connection.msgtype for connection in held.get(signal.topic, ())}
+        if not types:
+            if name in optional:
+                continue
+            raise BagError(f'{path} has no topic {signal.topic} for signal {name}; it holds '
+                           f'{_contents(reader)}')
+        if types != {signal.type}:
+            raise BagError(f'{path}: {signal.topic} carries {" and ".join(sorted(types))}, but '
+                           f'signal {name} expects {signal.type}: give its type and field in '
+                           '--config')
+        if not sum(connection.msgcount for connection in held[signal.topic]):
+            if name in optional:
+                continue
+            raise BagError(f'{path} holds no messages on {signal.topic} for signal {name}')
+        wanted[signal.topic] = held[signal.topic]
+    return wanted
+
+
+def _contents(reader: Any) -> str:
+    """List what a bag holds, with types and rates."""
+    seconds = max(reader.duration * 1e-9, 1e-9)
+    return ', '.join(
+        f'{topic} ({info.msgtype or "of several types"}, {info.msgcount / seconds:.4g} Hz)'
+        for topic, info in reader.topics.items())
+
+
+def _typestore(reader: Any, msgtype: str) -> Any:
+    """Return the type definitions of the bag, or ROS's own where the bag brings none."""
+    from rosbags.typesys import get_typestore, Stores
+
+    store = reader.typestore
+    if msgtype not in store.fielddefs:
+        store = get_typestore(Stores.ROS2_JAZZY)
+    if msgtype not in store.fielddefs:
+        raise BagError(f'the bag does not define {msgtype}, nor does ROS 2 Jazzy')
+    return store
+
+
+def _batches(reader: Any, held: Mapping[str, Any]) -> Iterator[tuple[str, Batch]]:
+    """Yield the messages of the topics, file after file, in the order in which they were written.
+
+    rosbags opens the bag and knows its files; it sorts messages by receive time, which would hide
+    a clock that jumped, and it makes an object of each, so the files are read here.
+    """
+    from rosbags.rosbag2.storage_mcap import McapReader
+    from rosbags.rosbag2.storage_sqlite3 import Sqlite3Reader
+
+    storage = reader.readers[0].storage
+    if reader.readers[0].compression_mode == 'message':
+        for lot in batched(reader.messages([c for cs in held.values() for c in cs]), LOT):
+            for topic in held:
+                yield from _joined(topic, [(t, raw) for c, t, raw in lot if c.topic == topic])
+        return
+    for file in getattr(storage, 'storages', [storage]):
+        ids = {c.id: c.topic for c in file.connections if c.topic in held}
+        if isinstance(file, McapReader):
+            yield from mcap.batches(Path(str(file.path)), ids)
+        elif isinstance(file, Sqlite3Reader):
+            yield from _sqlite_batches(Path(str(file.path)), ids)
+
+
+def _sqlite_batches(path: Path, topics: Mapping[int, str]) -> Iterator[tuple[str, Batch]]:
+    """Yield the messages of some topics of a sqlite3 file."""
+    connection = sqlite3.connect(f'{path.resolve().as_uri()}?immutable=1', uri=True)
+    try:
+        for topic in set(topics.values()):
+            ids = [key for key, name in topics.items() if name == topic]
+            cursor = connection.execute(
+                'SELECT timestamp, data FROM messages WHERE topic_id IN '
+                f'({",".join("?" * len(ids))}) ORDER BY id', ids)
+            while rows := cursor.fetchmany(LOT):
+                yield from _joined(topic, rows)
+    finally:
+        connection.close()
+
+
+def _joined(topic: str, rows: list[tuple[int, bytes]]) -> Iterator[tuple[str, Batch]]:
+    """Join single messages to a batch."""
+    if rows:
+        received, payloads = zip(*rows, strict=True)
+        length = np.fromiter(map(len, payloads), np.int64, len(payloads))
+        yield topic, Batch(np.array(received, np.int64),
+                           np.frombuffer(b''.join(payloads), np.uint8),
+                           np.cumsum(length) - length, length)
+
+
+def _take(path: Path, name: str, topic: _Topic, batch: Batch) -> None:
+    """Add a batch to what was read of a topic."""
+    try:
+        columns = topic.extractor.take(batch)
+    except CdrError as error:
+        index = sum(map(len, topic.received)) + error.args[1]
+        raise BagError(f'{path}: message {index} on {name} ({topic.extractor.msgtype}) '
+                       f'{error.args[0]}') from None
+    topic.received.append(batch.received)
+    for key in columns.values:
+        topic.values[key].append(columns.values[key])
+        topic.present[key].append(columns.present[key])
+
+
+def _samples(path: Path, name: str, signal: SignalMap, topic: _Topic) -> Samples:
+    """Put the samples of one signal together, and check their clock and their values."""
+    stamped = topic.stamped
+    stamps = np.concatenate(topic.received)
+    if stamped:
+        sec, nanosec = (np.concatenate(topic.values[key]).astype(np.int64) for key in STAMP)
+        headers = sec * 1_000_000_000 + nanosec
+        # A publisher that fills in no stamp leaves them all zero: then they say nothing.
+        stamped = bool(headers.any())
+        stamps = headers if stamped else stamps
+    present = np.concatenate(topic.present[signal.field])
+    if not present.any():
+        raise BagError(f'{path}: no message on {signal.topic} holds {signal.field} for signal '
+                       f'{name}; the joints there are '
+                       f'{topic.extractor.joints()}')
+    values = signal.of(np.concatenate(topic.values[signal.field])[present])
+    stamps = stamps[present]
+    steps = np.diff(stamps)
+    if (steps < 0).any():
+        k = int(np.argmax(steps < 0)) + 1
+        clock = 'stamps' if stamped else 'receive times'
+        raise BagError(f'{path}: the {clock} on {signal.topic} jump back by '
+                       f'{-steps[k - 1] * 1e-9:.6g} s at message {k}, '
+                       f'{(stamps[k - 1] - stamps[0]) * 1e-9:.6g} s after the first: cut the bag '
+                       'there')
+    if not np.isfinite(values).all():
+        bad = np.flatnonzero(~np.isfinite(values))
+        raise BagError(f'{path}: {len(bad)} of {len(values)} values of signal {name} on '
+                       f'{signal.topic} are not finite, the first in message {bad[0]}')
+    first = np.concatenate([[True], steps > 0])   # of messages with one stamp the first counts
+    return Samples(stamps[first], values[first], stamped)

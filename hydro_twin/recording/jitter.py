@@ -1,0 +1,61 @@
+"""Takes the jitter out of receive times: those of a steady rate lie on a line over the counts."""
+from __future__ import annotations
+
+import numpy as np
+
+from hydro_twin.recording.cdr import IntArray
+from hydro_twin.recording.series import FloatArray
+
+WINDOW = 100   # messages over which the earliest arrival shows the delay that all have in common
+STEADY = 1.0   # typical distance from the line, in periods, up to which the rate counts as steady
+
+
+def remove_jitter(received: IntArray) -> IntArray:
+    """Put receive times on a line through the counts of the messages.
+
+    Late arrivals do not move the line: its slope is the median of the slopes between the halves
+    of the record, its height the median of what is left. Lost messages are counted: from one on,
+    all that follow arrive a period later than counted, the earliest of them too.
+
+    Args:
+        received: receive times, increasing [ns].
+
+    Returns:
+        Strictly increasing times [ns]; `received` itself where there is no steady rate.
+    """
+    if len(received) < WINDOW // 5:
+        return received
+    time = (received - received[0]).astype(np.float64)
+    counts = count_messages(time)
+    half = len(time) // 2
+    period = np.median((time[half:] - time[:-half]) / (counts[half:] - counts[:-half]))
+    late = time - period * counts
+    height = np.median(late)
+    if not period >= 1.0 or np.median(np.abs(late - height)) > STEADY * period:
+        return received
+    line: IntArray = received[0] + np.rint(height + period * counts).astype(np.int64)
+    return line
+
+
+def count_messages(time: FloatArray) -> FloatArray:
+    """Number the messages, leaving out the numbers of those that were lost.
+
+    A stall also makes a long pause, but what was held up then arrives in a burst, so that soon
+    some message is in time again; after a loss none is.
+    """
+    counts = np.arange(len(time), dtype=np.float64)
+    span = min(WINDOW, len(time) - 1)
+    period = np.median(time[span:] - time[:-span]) / span
+    if not period > 0.0:
+        return counts
+    begin = 0   # of the stretch without loss
+    for k in (np.flatnonzero(np.diff(time) > 1.5 * period) + 1).tolist():
+        before = np.arange(max(begin, k - WINDOW), k)
+        after = np.arange(k, min(k + WINDOW, len(time)))
+        delay_before = (time[before] - period * before).min()
+        delay_after = (time[after] - period * after).min()
+        lost = round((delay_after - delay_before) / period)
+        if lost > 0:
+            counts[k:] += lost
+            begin = k
+    return counts
