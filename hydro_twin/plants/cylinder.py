@@ -50,4 +50,5 @@ CYLINDER = Plant(
         Port('sensor', 'sensor', 'm', 'position as measured'),
     ),
     laws=laws,
+    at_rest=('q',),
 )

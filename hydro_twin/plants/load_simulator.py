@@ -100,6 +100,7 @@ LOAD_SIMULATOR = Plant(
         Port('sensor', 'sensor', 'N m', 'torque as measured'),
     ),
     laws=laws,
+    at_rest=('x_v', 'omega_j', 'theta_j'),
     combinations=({'V_m': 1, 'beta_e': -1}, {'K_q': 1, 'K_sv': 1}),
     output_scale=200.0,                                         # [B19]: T_g / 200
 )

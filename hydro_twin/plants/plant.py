@@ -109,6 +109,8 @@ class Plant:
         laws: parameters and constants by name -> the linear laws.
         combinations: groups of parameters that act only together, whatever is recorded, as the
             product of powers that can be known: ({'V_m': 1, 'beta_e': -1}, ...).
+        at_rest: the states whose rate is taken as zero at the first sample; with the measured
+            output they give the state at which a run starts.
         output_scale: a typical large output, by which networks scale theirs.
     """
 
@@ -122,6 +124,7 @@ class Plant:
     constants: tuple[Constant, ...]
     ports: tuple[Port, ...]
     laws: Callable[[Mapping[str, float]], Laws]
+    at_rest: tuple[str, ...]
     combinations: tuple[Mapping[str, int], ...] = ()
     output_scale: float = 1.0
 

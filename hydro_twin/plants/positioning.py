@@ -42,4 +42,5 @@ POSITIONING = Plant(
         Port('sensor', 'sensor', 'm', 'position as measured'),
     ),
     laws=laws,
+    at_rest=('x',),
 )

@@ -73,4 +73,5 @@ VALVE_SERVO = Plant(
         Port('sensor', 'sensor', '1', 'opening as measured'),
     ),
     laws=laws,
+    at_rest=('a', 'y'),
 )

@@ -1,0 +1,32 @@
+"""Dead zone: a valve with overlap, an amplifier that ignores small commands."""
+from __future__ import annotations
+
+from hydro_twin.compiled import compiled
+from hydro_twin.effects.effect import Effect, EffectParameter, Span, Starts
+
+
+@compiled
+def law(v, s, p, z, h, c, z_next):  # type: ignore[no-untyped-def]
+    """Nothing passes within +-width of the centre; beyond, what exceeds it [Merritt 1967, 5.3]."""
+    width, centre = p[0], p[1]
+    w = v - centre
+    return w - min(max(w, -width), width)
+
+
+def starts(span: Span) -> Starts:
+    """Widths as shares of the largest value."""
+    return [(share * span.value, 0.0) for share in (0.01, 0.03, 0.08, 0.2, 0.4)]
+
+
+EFFECT = Effect(
+    id='dead_zone',
+    title='dead zone',
+    kinds=('opening', 'command'),
+    parameters=(
+        EffectParameter('width', 'half width of the zone', 'value', 1e-12, 1e9),
+        EffectParameter('centre', 'middle of the zone', 'value', -1e9, 1e9, log=False,
+                        refinement=0.0),
+    ),
+    starts=starts,
+    law=law,
+)

@@ -1,0 +1,113 @@
+"""What an effect is: a law on one port of a plant, with parameters, bounds and perhaps memory."""
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+from hydro_twin.plants.plant import Plant, Port
+
+
+@dataclass(frozen=True)
+class EffectParameter:
+    """A parameter of an effect.
+
+    Attributes:
+        unit: in terms of the port: 'value', 'velocity', ... stand for the unit of the port's
+            value and of the signals there; anything else stands for itself.
+        lower, upper: physical range.
+        log: whether a search moves in its logarithm (then lower is above zero).
+        refinement: the value that leaves it out of the law; the simple law has it fixed there.
+            None: part of the simple law.
+    """
+
+    name: str
+    meaning: str
+    unit: str
+    lower: float
+    upper: float
+    log: bool = True
+    refinement: float | None = None
+
+
+@dataclass(frozen=True)
+class Span:
+    """What one recording reaches at a port under the model at hand: largest magnitudes.
+
+    Attributes:
+        value: of the port's value.
+        signals: of each signal there.
+        duration: of one sample [s].
+    """
+
+    value: float
+    signals: Mapping[str, float]
+    sample_time: float
+
+
+Starts = Sequence[tuple[float, ...]]
+
+
+@dataclass(frozen=True)
+class Effect:
+    """A law on a port that a linear plant lacks.
+
+    The law is a compiled function law(v, s, p, z, h, c, z_next) -> value:
+        v: value of the port; s: the signals it reads; p: its parameters;
+        z: its memory at the begin of the step of h seconds (h = 0: evaluate, nothing moves);
+        c: rise of the first signal by the end of the step for a unit added to the value;
+        z_next: where it writes its memory at the end of the step.
+
+    Attributes:
+        kinds: the kinds of port it may sit on.
+        reads: the signals of the port it reads, in the order of s.
+        memory: how many numbers it keeps.
+        starts: what the recording reaches -> sets of parameters to begin a search at.
+        implicit: the law takes the signals as they would be without it, and answers with what
+            holds at the end of the step: for forces that jump with the velocity.
+        shifts: a pure delay of these inputs ('held' or 'all'), which has no law.
+    """
+
+    id: str
+    title: str
+    kinds: tuple[str, ...]
+    parameters: tuple[EffectParameter, ...]
+    starts: Callable[[Span], Starts]
+    law: Callable[..., Any] | None = None
+    reads: tuple[str, ...] = ()
+    memory: int = 0
+    implicit: bool = False
+    shifts: str = ''
+
+    def fits(self, port: Port) -> bool:
+        """Whether the effect may sit on this port."""
+        return port.kind in self.kinds and all(name in port.signals for name in self.reads)
+
+    def unit(self, parameter: EffectParameter, port: Port) -> str:
+        """Write the unit of a parameter at a port."""
+        names = {'value': port.unit, **port.signals}
+        parts = parameter.unit.split('/')
+        written = [names.get(part.removesuffix('^2'), part.removesuffix('^2'))
+                   + ('^2' if part.endswith('^2') else '') for part in parts]
+        return '/'.join(f'({part})' if ' ' in part and k else part
+                        for k, part in enumerate(written))
+
+
+@dataclass(frozen=True)
+class Placed:
+    """An effect on a port of a plant, with values for its parameters in their order."""
+
+    effect: Effect
+    port: Port
+    values: tuple[float, ...]
+
+    @property
+    def named(self) -> dict[str, float]:
+        """Parameter values by name."""
+        names = (parameter.name for parameter in self.effect.parameters)
+        return dict(zip(names, self.values, strict=True))
+
+
+def sites(effect: Effect, plant: Plant) -> list[Port]:
+    """List the ports of a plant on which the effect may sit."""
+    return [port for port in plant.ports if effect.fits(port)]

@@ -1,0 +1,62 @@
+"""Dry friction on a moving mass."""
+from __future__ import annotations
+
+import math
+
+from hydro_twin.compiled import compiled
+from hydro_twin.effects.effect import Effect, EffectParameter, Span, Starts
+
+
+@compiled
+def law(v, s, p, z, h, c, z_next):  # type: ignore[no-untyped-def]
+    """Force with elastic-plastic friction taken off: bristles that bend, then slide.
+
+    The bristles bend by z with dz/dt = velocity while sigma z stays below the sliding force
+        g(velocity) = F_c + F_s exp(-(velocity / v_s)^2),
+    and slide at it [Canudas de Wit et al. 1995, eqs 1 to 4, in the elastic-plastic limit of
+    Dupont et al. 2002]. Solved for the end of the step, so that a stiff bristle holds the mass
+    rather than making it chatter (Moreau's time stepping); sigma = inf is Coulomb's law.
+    """
+    F_c, F_s, v_s, sigma = p[0], p[1], p[2], p[3]
+    if h == 0.0:
+        return v
+    # The force that would stop bristle and mass together at the end of the step.
+    free = s[0]
+    if math.isinf(sigma):
+        stopping = free / c
+    else:
+        stopping = sigma * (z[0] + h * free) / (1.0 + sigma * h * c)
+    sliding = max(abs(free) - c * F_c, 0.0)
+    g = F_c + F_s * math.exp(-(sliding / v_s) ** 2)
+    force = min(max(stopping, -g), g)
+    if not math.isinf(sigma):
+        z_next[0] = force / sigma
+    return v - force
+
+
+def starts(span: Span) -> Starts:
+    """Sliding force against the largest force seen; breakaway and bristles left out."""
+    velocity = 0.05 * span.signals['velocity']
+    return [(share * span.value, 0.0, velocity, math.inf)
+            for share in (0.003, 0.01, 0.03, 0.1, 0.25, 0.5)]
+
+
+EFFECT = Effect(
+    id='friction',
+    title='dry friction',
+    kinds=('force',),
+    reads=('velocity',),
+    parameters=(
+        EffectParameter('coulomb', 'sliding force F_c', 'value', 1e-9, 1e9),
+        EffectParameter('stribeck', 'extra force F_s to break away', 'value', 0.0, 1e9,
+                        log=False, refinement=0.0),
+        EffectParameter('stribeck_velocity', 'velocity v_s at which that is gone', 'velocity',
+                        1e-9, 1e6, refinement=1.0),
+        EffectParameter('bristle_stiffness', 'stiffness sigma of the bristles before sliding',
+                        'value/position', 1e-6, math.inf, refinement=math.inf),
+    ),
+    starts=starts,
+    law=law,
+    memory=1,
+    implicit=True,
+)

@@ -1,0 +1,39 @@
+"""Hysteresis of a valve: the opening lags behind the command by a width, whatever the speed."""
+from __future__ import annotations
+
+from hydro_twin.compiled import compiled
+from hydro_twin.effects.effect import Effect, EffectParameter, Span, Starts
+
+
+@compiled
+def law(v, s, p, z, h, c, z_next):  # type: ignore[no-untyped-def]
+    """Value less a stop operator: what stays bound within +-width [Visintin 1994, III.2].
+
+    z[0] is what is bound, z[1] the value before. At slope 1 this is the play operator; below,
+    part of each small movement passes at once, as with a Bouc-Wen law.
+    """
+    width, slope = p[0], p[1]
+    bound = min(max(z[0] + slope * (v - z[1]), -width), width)
+    z_next[0] = bound
+    z_next[1] = v
+    return v - bound
+
+
+def starts(span: Span) -> Starts:
+    """Widths as shares of the largest value."""
+    return [(share * span.value, 1.0) for share in (0.005, 0.02, 0.06, 0.15, 0.35)]
+
+
+EFFECT = Effect(
+    id='hysteresis',
+    title='hysteresis',
+    kinds=('command', 'opening'),
+    parameters=(
+        EffectParameter('width', 'half width of the loop', 'value', 1e-12, 1e9),
+        EffectParameter('slope', 'share of a small movement that is bound', '1', 0.02, 1.0,
+                        refinement=1.0),
+    ),
+    starts=starts,
+    law=law,
+    memory=2,
+)

@@ -1,0 +1,40 @@
+"""Leakage other than laminar."""
+from __future__ import annotations
+
+from hydro_twin.compiled import compiled
+from hydro_twin.effects.effect import Effect, EffectParameter, Span, Starts
+
+REFERENCE = 1e6                             # [Pa]
+
+
+@compiled
+def law(v, s, p, z, h, c, z_next):  # type: ignore[no-untyped-def]
+    """Laminar leakage plus flow sign(p_L) (|p_L| / 1 MPa)^exponent.
+
+    Exponent 1/2 is a sharp-edged orifice [Merritt 1967, eq. 3-33]; above 1, a gap that widens
+    under pressure.
+    """
+    flow, exponent, load_pressure = p[0], p[1], s[0]
+    extra = flow * (abs(load_pressure) / REFERENCE) ** exponent
+    return v + extra if load_pressure > 0.0 else v - extra
+
+
+def starts(span: Span) -> Starts:
+    """A share of the largest laminar leakage, turbulent and widening."""
+    pressure = max(span.signals['load_pressure'], 1.0) / REFERENCE
+    return [(share * span.value / pressure**exponent, exponent)
+            for exponent in (0.5, 2.0, 3.0) for share in (0.1, 0.5)]
+
+
+EFFECT = Effect(
+    id='leakage',
+    title='leakage other than laminar',
+    kinds=('leakage',),
+    reads=('load_pressure',),
+    parameters=(
+        EffectParameter('flow', 'extra flow at 1 MPa', 'value', 1e-15, 1e3),
+        EffectParameter('exponent', 'power of the pressure', '1', 0.2, 4.0, log=False),
+    ),
+    starts=starts,
+    law=law,
+)

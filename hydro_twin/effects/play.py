@@ -1,0 +1,29 @@
+"""Backlash where nothing is elastic: the follower moves only when the play is used up."""
+from __future__ import annotations
+
+from hydro_twin.compiled import compiled
+from hydro_twin.effects.effect import Effect, EffectParameter, Span, Starts
+
+
+@compiled
+def law(v, s, p, z, h, c, z_next):  # type: ignore[no-untyped-def]
+    """Play operator: the output stays unless the input pushes it [Visintin 1994, III.2]."""
+    gap = p[0]
+    z_next[0] = min(max(z[0], v - gap), v + gap)
+    return z_next[0]
+
+
+def starts(span: Span) -> Starts:
+    """Gaps as shares of the largest value."""
+    return [(share * span.value,) for share in (0.002, 0.01, 0.03, 0.1)]
+
+
+EFFECT = Effect(
+    id='backlash',
+    title='backlash',
+    kinds=('stem',),
+    parameters=(EffectParameter('gap', 'half of the play', 'value', 1e-12, 1e9),),
+    starts=starts,
+    law=law,
+    memory=1,
+)

@@ -1,0 +1,242 @@
+"""The model file: everything needed to run a model, and to know where it came from."""
+from __future__ import annotations
+
+import math
+import os
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import yaml
+
+from hydro_twin.effects import EFFECTS, Placed
+from hydro_twin.errors import ModelError, UserError
+from hydro_twin.plants import Plant, Port, plant_named
+
+FORMAT = 1
+NOT_IDENTIFIABLE = 'not identifiable'
+KINDS = ('analytical', 'mlp', 'hybrid')
+
+
+@dataclass(frozen=True)
+class Estimate:
+    """A parameter's value, and how well the data tell it.
+
+    Attributes:
+        std_error: standard error in the parameter's unit; None where it is not known.
+        identifiable: whether the data determine it at all (alone, not only in a combination).
+    """
+
+    value: float
+    std_error: float | None = None
+    identifiable: bool = True
+
+
+@dataclass(frozen=True)
+class FittedEffect:
+    """An effect in a model: where it sits, and its parameters by name."""
+
+    placed: Placed
+    std_errors: Mapping[str, float | None] = field(default_factory=dict)
+
+
+@dataclass(frozen=True)
+class Model:
+    """A plant with values, effects, and perhaps a network beside.
+
+    Attributes:
+        kind: 'analytical', 'mlp' or 'hybrid'.
+        timing: how late each input acts [s], by name: what the stamps cannot tell (see docs).
+        substeps: integration steps in a sample, chosen by error when the model was fitted.
+        network: name of the weights file beside the model file.
+        errors: {'before' and 'after': {'one_step' and 'free_run': {'train', 'test'}}}, in the
+            unit of the output.
+        provenance: bags with their SHA-256, command, seed, version.
+    """
+
+    plant: Plant
+    parameters: Mapping[str, Estimate]
+    constants: Mapping[str, float]
+    sample_time: float
+    kind: str = 'analytical'
+    effects: tuple[FittedEffect, ...] = ()
+    timing: Mapping[str, float] = field(default_factory=dict)
+    substeps: int = 4
+    network: str | None = None
+    errors: Mapping[str, Any] = field(default_factory=dict)
+    provenance: Mapping[str, Any] = field(default_factory=dict)
+
+    @property
+    def values(self) -> dict[str, float]:
+        """Parameters and constants by name."""
+        return {**self.constants, **{name: p.value for name, p in self.parameters.items()}}
+
+    @property
+    def placed(self) -> tuple[Placed, ...]:
+        """The effects as the kernel takes them."""
+        return tuple(effect.placed for effect in self.effects)
+
+    def promised(self, mode: str) -> float | None:
+        """RMS error that the model had on data it did not fit; None where it does not say."""
+        after = self.errors.get('after', {}).get(mode, {})
+        value = after.get('test', after.get('train'))
+        return float(value) if value is not None else None
+
+
+def effect_at(identifier: str, port_name: str, plant: Plant) -> tuple[Any, Port]:
+    """Find the effect of that id and the port of that name on which it sits.
+
+    Raises:
+        ModelError: there is none.
+    """
+    for effect in EFFECTS:
+        for port in plant.ports:
+            if effect.id == identifier and port.name == port_name and effect.fits(port):
+                return effect, port
+    possible = sorted({f'{effect.id}@{port.name}' for effect in EFFECTS for port in plant.ports
+                       if effect.fits(port)})
+    raise ModelError(f'{plant.name} takes no effect {identifier} at port {port_name}; '
+                     f'it takes {", ".join(possible)}')
+
+
+def place(identifier: str, port_name: str, parameters: Mapping[str, float],
+          plant: Plant) -> Placed:
+    """Put an effect with these parameters on a port; refinements left out are neutral.
+
+    Raises:
+        ModelError: no such effect there, or a parameter missing, unknown or out of range.
+    """
+    effect, port = effect_at(identifier, port_name, plant)
+    known = {parameter.name for parameter in effect.parameters}
+    if unknown := sorted(set(parameters) - known):
+        raise ModelError(f'effect {identifier} has no parameter {", ".join(unknown)}; '
+                         f'it has {", ".join(sorted(known))}')
+    values = []
+    for p in effect.parameters:
+        value = parameters.get(p.name, p.refinement)
+        if value is None:
+            raise ModelError(f'effect {identifier}: parameter {p.name} is missing')
+        if not p.lower <= value <= p.upper:
+            raise ModelError(f'effect {identifier}: {p.name} = {value:g} is outside '
+                             f'{p.lower:g} to {p.upper:g}')
+        values.append(float(value))
+    return Placed(effect, port, tuple(values))
+
+
+def document(model: Model) -> dict[str, Any]:
+    """Lay a model out as the plain structure of its file."""
+    plant = model.plant
+    units = {p.name: p.unit for p in (*plant.parameters, *plant.constants)}
+    return {
+        'format': FORMAT,
+        'plant': plant.name,
+        'predictor': model.kind,
+        'sample_time': model.sample_time,
+        'substeps': model.substeps,
+        'constants': {name: {'value': value, 'unit': units[name]}
+                      for name, value in model.constants.items()},
+        'parameters': {
+            name: {'value': p.value, 'unit': units[name],
+                   'std_error': p.std_error if p.identifiable else NOT_IDENTIFIABLE}
+            for name, p in model.parameters.items()},
+        'timing': dict(model.timing),
+        'effects': [{
+            'id': effect.placed.effect.id,
+            'port': effect.placed.port.name,
+            'parameters': {
+                p.name: {'value': value, 'unit': effect.placed.effect.unit(p, effect.placed.port),
+                         'std_error': effect.std_errors.get(p.name)}
+                for p, value in zip(effect.placed.effect.parameters, effect.placed.values,
+                                    strict=True)
+                if value != p.refinement},
+        } for effect in model.effects],
+        'network': model.network,
+        'errors': dict(model.errors),
+        'provenance': dict(model.provenance),
+    }
+
+
+def write_model(model: Model, path: Path) -> None:
+    """Write a model file, whole or not at all.
+
+    Raises:
+        ModelError: the file cannot be written there.
+    """
+    text = yaml.safe_dump(document(model), sort_keys=False, allow_unicode=True)
+    part = path.with_name(f'.{path.name}.{os.getpid()}')
+    try:
+        part.write_text(text, encoding='utf-8')
+        part.replace(path)
+    except OSError as error:
+        part.unlink(missing_ok=True)
+        raise ModelError(f'{path}: cannot be written ({error.strerror})') from error
+
+
+def read_model(path: Path) -> Model:
+    """Read a model file and check all of it.
+
+    Raises:
+        ModelError: not there, damaged, of another format, or not physical; one line says which.
+    """
+    try:
+        raw = yaml.safe_load(path.read_text(encoding='utf-8'))
+    except OSError as error:
+        raise ModelError(f'{path}: no model file can be read there ({error.strerror})') from error
+    except (yaml.YAMLError, UnicodeDecodeError) as error:
+        raise ModelError(f'{path}: not a YAML file: {str(error).splitlines()[0]}') from error
+    if not isinstance(raw, dict) or 'format' not in raw:
+        raise ModelError(f'{path}: not a model file (no "format" in it)')
+    if raw['format'] != FORMAT:
+        raise ModelError(f'{path}: format {raw["format"]!r}; this version reads {FORMAT}')
+    try:
+        return _from_document(raw)
+    except UserError as error:
+        raise ModelError(f'{path}: {error}') from error
+    except (KeyError, TypeError, ValueError, AttributeError) as error:
+        raise ModelError(f'{path}: damaged ({type(error).__name__}: {error})') from error
+
+
+def _from_document(raw: Mapping[str, Any]) -> Model:
+    plant = plant_named(raw['plant'])
+    constants = {name: _number(f'constant {name}', c['value'])
+                 for name, c in (raw.get('constants') or {}).items()}
+    estimates = {}
+    for name, p in raw['parameters'].items():
+        spread = p.get('std_error')
+        estimates[name] = Estimate(
+            _number(name, p['value']),
+            None if spread in (None, NOT_IDENTIFIABLE) else _number(name, spread),
+            spread != NOT_IDENTIFIABLE)
+    kind = raw.get('predictor', 'analytical')
+    if kind not in KINDS:
+        raise ModelError(f'predictor {kind!r}; there are {", ".join(KINDS)}')
+    if estimates or kind != 'mlp':
+        plant.check({name: p.value for name, p in estimates.items()})
+    effects = tuple(
+        FittedEffect(
+            place(e['id'], e['port'], {name: _number(f'effect {e["id"]}: {name}', p['value'])
+                                       for name, p in e['parameters'].items()}, plant),
+            {name: p.get('std_error') for name, p in e['parameters'].items()})
+        for e in raw.get('effects') or ())
+    timing = {name: _number(f'timing of {name}', t) for name, t in
+              (raw.get('timing') or {}).items()}
+    if unknown := sorted(set(timing) - {signal.name for signal in plant.inputs}):
+        raise ModelError(f'timing of {", ".join(unknown)}: no such input of {plant.name}')
+    sample_time = _number('sample_time', raw['sample_time'])
+    substeps = raw.get('substeps', 4)
+    if sample_time <= 0 or not isinstance(substeps, int) or not 1 <= substeps <= 1024:
+        raise ModelError(f'sample_time {sample_time} must be above 0 and substeps {substeps} '
+                         f'a whole number from 1 to 1024')
+    return Model(
+        plant=plant, parameters=estimates, constants=plant.constant_values(constants),
+        sample_time=sample_time, kind=kind, effects=effects, timing=timing, substeps=substeps,
+        network=raw.get('network'), errors=raw.get('errors') or {},
+        provenance=raw.get('provenance') or {})
+
+
+def _number(name: str, value: object) -> float:
+    """Take a finite number, or infinity where a law allows it."""
+    if isinstance(value, bool) or not isinstance(value, int | float) or math.isnan(value):
+        raise ModelError(f'{name}: {value!r} is not a number')
+    return float(value)

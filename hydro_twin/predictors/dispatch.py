@@ -1,0 +1,49 @@
+"""One compiled function that calls the law of any effect by its number.
+
+numba compiles calls of functions it knows by name, so the function is written out, with a branch
+for each effect found, into the folder of compiled code. Adding an effect is adding its file.
+"""
+from __future__ import annotations
+
+import importlib.util
+import os
+import sys
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+from hydro_twin.compiled import CACHE
+from hydro_twin.effects import EFFECTS, MODULES
+
+NAME = 'hydro_twin_dispatch'
+
+
+def source() -> str:
+    """Write the module."""
+    laws = [(k, name) for k, (name, effect) in enumerate(zip(MODULES, EFFECTS, strict=True))
+            if effect.law is not None]
+    imports = [f'from hydro_twin.effects.{name} import law as law_{k}' for k, name in laws]
+    branches = [f'    if code == {k}:\n        return law_{k}(v, s, p, z, h, c, z_next)'
+                for k, _ in laws]
+    return '\n'.join([
+        'from hydro_twin.compiled import compiled', *imports, '', '', '@compiled',
+        'def apply(code, v, s, p, z, h, c, z_next):', *branches, '    return v', ''])
+
+
+def load() -> Callable[..., Any]:
+    """Write the module where it is missing, whole or not at all, and import it."""
+    path = CACHE / f'{NAME}.py'
+    if not path.exists():
+        part = path.with_suffix(f'.{os.getpid()}')
+        part.write_text(source())
+        Path.replace(part, path)
+    spec = importlib.util.spec_from_file_location(NAME, path)
+    assert spec is not None and spec.loader is not None
+    module = importlib.util.module_from_spec(spec)
+    sys.modules[NAME] = module
+    spec.loader.exec_module(module)
+    function: Callable[..., Any] = module.apply
+    return function
+
+
+apply = load()

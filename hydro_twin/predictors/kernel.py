@@ -1,0 +1,214 @@
+"""The compiled step of a plant with effects: the same in the fit, in replay and in the node.
+
+The linear laws are stepped exactly (matrix exponential, inputs and effects linear over a step).
+What an effect adds to its port is evaluated at the begin of a step and at its predicted end, which
+is of second order; a force that jumps with the velocity is solved for the end of the step. With no
+effects the step is exact at any length.
+
+Everything a step needs is in a few plain arrays, see `System` in system.py:
+    M (n, n + 2m + 2P): x, inputs at begin and end, what effects add at begin and end -> next x
+    O (P + S, n + m + P): x, inputs, what effects add -> values of the ports, then their signals
+    table (K, 9): for each effect its code, port, two signal rows, and where its parameters and
+        memory begin and end, and whether it is implicit
+"""
+from __future__ import annotations
+
+from hydro_twin.compiled import compiled
+from hydro_twin.predictors.dispatch import apply
+
+CODE, PORT, SIGNAL_0, SIGNAL_1, P_BEGIN, P_END, Z_BEGIN, Z_END, IMPLICIT = range(9)
+LIMIT = 1e12                                # an output beyond this has diverged
+
+
+@compiled
+def input_between(inputs, j, held, k, begin, end):  # type: ignore[no-untyped-def]
+    """Input j at begin and end, times in samples after sample k-1.
+
+    A held input is its mean over the interval at both ends; a measured one is interpolated. Times
+    count from k-1, not from the first sample, so that digits do not depend on how long a run is.
+    """
+    if held:
+        first, last = floor(begin), floor(end)
+        value = inputs[min(max(k - 1 + first, 0), k), j]
+        if last > first and end > last:
+            share = (end - last) / (end - begin)
+            value += share * (inputs[min(max(k - 1 + last, 0), k), j] - value)
+        return value, value
+    return interpolated(inputs, j, k, begin), interpolated(inputs, j, k, end)
+
+
+@compiled
+def floor(time):  # type: ignore[no-untyped-def]
+    """The largest whole number not above."""
+    whole = int(time)
+    return whole - 1 if whole > time else whole
+
+
+@compiled
+def interpolated(inputs, j, k, time):  # type: ignore[no-untyped-def]
+    """Input j at a time in samples after sample k-1."""
+    whole = floor(time)
+    before = inputs[min(max(k - 1 + whole, 0), k), j]
+    if time == whole:
+        return before
+    return before + (time - whole) * (inputs[min(max(k + whole, 0), k), j] - before)
+
+
+@compiled
+def observe(O, row, x, u, d):  # type: ignore[no-untyped-def]
+    """One row of O: the value of a port, or a signal."""
+    n, m = len(x), len(u)
+    value = 0.0
+    for i in range(n):
+        value += O[row, i] * x[i]
+    for i in range(m):
+        value += O[row, n + i] * u[i]
+    for i in range(len(d)):
+        value += O[row, n + m + i] * d[i]
+    return value
+
+
+@compiled
+def add_effects(O, table, p, x, u, z, h, s, z_next, d):  # type: ignore[no-untyped-def]
+    """What the explicit effects add to the value of each port, into d; along the table's order."""
+    d[:] = 0.0
+    z_next[:] = z
+    for e in range(len(table)):
+        t = table[e]
+        if t[IMPLICIT]:
+            continue
+        port = t[PORT]
+        before = observe(O, port, x, u, d) + d[port]
+        s[0] = observe(O, t[SIGNAL_0], x, u, d)
+        s[1] = observe(O, t[SIGNAL_1], x, u, d)
+        after = apply(t[CODE], before, s, p[t[P_BEGIN]:t[P_END]], z[t[Z_BEGIN]:t[Z_END]], h, 0.0,
+                      z_next[t[Z_BEGIN]:t[Z_END]])
+        d[port] += after - before
+
+
+@compiled
+def advance(M, O, table, p, shift, held, substeps, sample_time, x, z, work, inputs, k):  # type: ignore[no-untyped-def]
+    """Step x and z in place from sample k-1 to sample k of the inputs; returns the output at k.
+
+    Args:
+        shift: how late each input acts [samples], at least -1.
+        work: (8, >= largest of n, m, P, memory) scratch.
+    """
+    n, m = len(x), len(shift)
+    P = O.shape[1] - n - m
+    begin, end, linear, ahead = work[0, :m], work[1, :m], work[2, :n], work[3, :n]
+    d0, d1, z_next, s = work[4, :P], work[5, :P], work[6, :len(z)], work[7, :2]
+    h = sample_time / substeps
+    for step in range(substeps):
+        for j in range(m):
+            begin[j], end[j] = input_between(
+                inputs, j, held[j], k, step / substeps - shift[j],
+                (step + 1) / substeps - shift[j])
+        for i in range(n):
+            value = 0.0
+            for j in range(n):
+                value += M[i, j] * x[j]
+            for j in range(m):
+                value += M[i, n + j] * begin[j] + M[i, n + m + j] * end[j]
+            linear[i] = value
+        if len(table) > 0:
+            at = n + 2 * m
+            add_effects(O, table, p, x, begin, z, 0.0, s, z_next, d0)
+            for i in range(n):
+                value = linear[i]
+                for j in range(P):
+                    value += (M[i, at + j] + M[i, at + P + j]) * d0[j]
+                ahead[i] = value
+            add_effects(O, table, p, ahead, end, z, h, s, z_next, d1)
+            for i in range(n):
+                for j in range(P):
+                    linear[i] += M[i, at + j] * d0[j] + M[i, at + P + j] * d1[j]
+            for e in range(len(table)):
+                t = table[e]
+                if not t[IMPLICIT]:
+                    continue
+                port = t[PORT]
+                compliance = 0.0
+                for i in range(n):
+                    compliance += O[t[SIGNAL_0], i] * (M[i, at + port] + M[i, at + P + port])
+                s[0] = observe(O, t[SIGNAL_0], linear, end, d1)
+                s[1] = observe(O, t[SIGNAL_1], linear, end, d1)
+                added = apply(t[CODE], 0.0, s, p[t[P_BEGIN]:t[P_END]],
+                              z[t[Z_BEGIN]:t[Z_END]], h, compliance,
+                              z_next[t[Z_BEGIN]:t[Z_END]])
+                for i in range(n):
+                    linear[i] += (M[i, at + port] + M[i, at + P + port]) * added
+            z[:] = z_next
+        x[:] = linear
+    return output(O, table, p, shift, x, z, work, inputs, k)
+
+
+@compiled
+def output(O, table, p, shift, x, z, work, inputs, k):  # type: ignore[no-untyped-def]
+    """The value of the last port at sample k; leaves inputs in work[1], what effects add in [5]."""
+    m = len(shift)
+    P = O.shape[1] - len(x) - m
+    u, d = work[1, :m], work[5, :P]
+    for j in range(m):
+        u[j] = interpolated(inputs, j, k, 1.0 - max(shift[j], 0.0))
+    add_effects(O, table, p, x, u, z, 0.0, work[7, :2], work[6, :len(z)], d)
+    return observe(O, P - 1, x, u, d) + d[P - 1]
+
+
+@compiled
+def run(M, O, table, p, shift, held, substeps, sample_time, x, z, work, inputs, y, seen):  # type: ignore[no-untyped-def]
+    """Fill y with the output at each sample of the inputs (N, m), from state x and memory z.
+
+    Where `seen` (N, P + S) is not empty it gets the values of ports and signals. A run that
+    diverges is left at nan from there on.
+    """
+    for k in range(len(inputs)):
+        if k == 0:
+            y[k] = output(O, table, p, shift, x, z, work, inputs, k)
+        else:
+            y[k] = advance(M, O, table, p, shift, held, substeps, sample_time, x, z, work,
+                           inputs, k)
+        if not abs(y[k]) < LIMIT:
+            y[k:] = float('nan')
+            return
+        if len(seen) > 0:
+            u, d = work[1, :len(shift)], work[5, :O.shape[1] - len(x) - len(shift)]
+            for row in range(len(O)):
+                seen[k, row] = observe(O, row, x, u, d)
+                if row < len(d):
+                    seen[k, row] += d[row]
+
+
+@compiled
+def eq_1(a, b, past, inputs, k):  # type: ignore[no-untyped-def]
+    """Eq. 1 at sample k, from past[k-1], ..., past[k-n] and inputs[k], ..., inputs[k-n]."""
+    value = 0.0
+    for i in range(len(a)):
+        value -= a[i] * past[k - 1 - i]
+    for i in range(len(b)):
+        for j in range(b.shape[1]):
+            value += b[i, j] * inputs[k - i, j]
+    return value
+
+
+@compiled
+def run_one_step(a, b, added, measured, inputs, past, y):  # type: ignore[no-untyped-def]
+    """Fill y with `step_one` at each sample; past is scratch, all shape (N,)."""
+    for k in range(len(y)):
+        y[k] = step_one(a, b, added[k], measured[k], inputs, past, k, k >= len(a))
+
+
+@compiled
+def step_one(a, b, added, measured, inputs, past, k, started):  # type: ignore[no-untyped-def]
+    """Predict sample k by eq. 1 on the past less what effects add; then take in the measured.
+
+    A sample that was not measured counts as it was predicted.
+    """
+    predicted = added + eq_1(a, b, past, inputs, k) if started else float('nan')
+    if measured == measured:
+        past[k] = measured - added
+    elif started:
+        past[k] = predicted - added
+    else:
+        past[k] = 0.0
+    return predicted

@@ -1,0 +1,156 @@
+"""Prediction of a trained network, without torch: one compiled arithmetic, live and in replay."""
+from __future__ import annotations
+
+import json
+import math
+import os
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+import numpy.typing as npt
+from safetensors import SafetensorError, safe_open
+from safetensors.numpy import save_file
+
+from hydro_twin.compiled import compiled
+from hydro_twin.errors import ModelError
+
+FloatArray = npt.NDArray[np.float64]
+IntArray = npt.NDArray[np.int64]
+
+FORMAT = '1'
+
+
+@compiled
+def forward(sizes, weights, shift, scale, output_scale, regressors, layers):
+    """Compute the output of one sample, the sums always in the same order.
+
+    A matrix product would round a batch otherwise than a single sample; this does not.
+
+    Args:
+        sizes: width of every layer, inputs first, shape (L,).
+        weights: layer after layer the matrix (in, out) by rows, then the bias, shape (P,).
+        shift, scale: the net sees (regressors - shift) / scale, shape (R,).
+        output_scale: the net gives the output over this.
+        regressors: shape (R,).
+        layers: scratch, shape (2, widest layer).
+    """
+    here, there = layers[0], layers[1]
+    for i in range(sizes[0]):
+        here[i] = (regressors[i] - shift[i]) / scale[i]
+    begin = 0
+    for layer in range(len(sizes) - 1):
+        rows, columns = sizes[layer], sizes[layer + 1]
+        bias = begin + rows * columns
+        there[:columns] = weights[bias:bias + columns]
+        for i in range(rows):
+            value, row = here[i], weights[begin + i * columns:begin + (i + 1) * columns]
+            for j in range(columns):
+                there[j] += value * row[j]
+        if layer < len(sizes) - 2:
+            for j in range(columns):
+                there[j] = math.tanh(there[j])
+        begin = bias + columns
+        here, there = there, here
+    return output_scale * here[0]
+
+
+@compiled
+def forward_all(sizes, weights, shift, scale, output_scale, regressors, layers):
+    """Compute `forward` for every row of regressors, shape (N, R)."""
+    outputs = np.empty(len(regressors))
+    for k in range(len(regressors)):
+        outputs[k] = forward(sizes, weights, shift, scale, output_scale, regressors[k], layers)
+    return outputs
+
+
+@dataclass(frozen=True, eq=False)
+class Network:
+    """A trained multi-layer perceptron: tanh layers, then a linear output.
+
+    Attributes:
+        sizes: width of every layer, regressors first, the single output last, shape (L,).
+        weights: layer after layer the matrix (in, out) by rows, then the bias, shape (P,).
+        shift, scale: the net sees (regressors - shift) / scale, shape (R,).
+        output_scale: unit of the output, in that of the plant.
+        limit: a free run beyond this size has diverged, in the output's unit.
+    """
+
+    sizes: IntArray
+    weights: FloatArray
+    shift: FloatArray
+    scale: FloatArray
+    output_scale: float
+    limit: float
+
+    def __post_init__(self) -> None:
+        """Refuse what does not fit together.
+
+        Raises:
+            ModelError: shapes that do not agree, or values that are not finite.
+        """
+        sizes = self.sizes
+        if len(sizes) < 2 or np.any(sizes < 1) or sizes[-1] != 1:
+            raise ModelError(f'a network of layers {sizes.tolist()} has not one output')
+        if self.weights.shape != (int(np.sum((sizes[:-1] + 1) * sizes[1:])),):
+            raise ModelError(f'{self.weights.size} weights do not make layers {sizes.tolist()}')
+        if self.shift.shape != (sizes[0],) or self.scale.shape != (sizes[0],):
+            raise ModelError(f'the scaling is not that of {sizes[0]} regressors')
+        numbers = np.concatenate([self.weights, self.shift, self.scale, [self.output_scale]])
+        if not np.all(np.isfinite(numbers)) or np.any(self.scale <= 0) or not self.limit > 0:
+            raise ModelError('the network holds values that are not finite, or scales not above 0')
+
+    @property
+    def hidden(self) -> tuple[int, ...]:
+        """Widths of the hidden layers."""
+        return tuple(self.sizes[1:-1].tolist())
+
+    def scratch(self) -> FloatArray:
+        """Return room for the layers of one sample, for `predict`."""
+        return np.empty((2, int(self.sizes.max())))
+
+    def predict(self, regressors: FloatArray, scratch: FloatArray) -> float:
+        """Predict one sample from its regressors, shape (R,), in the plant's units."""
+        return float(forward(self.sizes, self.weights, self.shift, self.scale, self.output_scale,
+                             regressors, scratch))
+
+    def __call__(self, regressors: FloatArray) -> FloatArray:
+        """Predict every row of regressors, shape (N, R) -> (N,), in the plant's units."""
+        result: FloatArray = forward_all(
+            self.sizes, self.weights, self.shift, self.scale, self.output_scale,
+            np.ascontiguousarray(regressors), self.scratch())
+        return result
+
+
+def save_network(network: Network, path: Path) -> None:
+    """Write a network to a .safetensors file, whole or not at all."""
+    tensors = {'weights': network.weights, 'input_shift': network.shift,
+               'input_scale': network.scale, 'output_scale': np.array([network.output_scale]),
+               'output_limit': np.array([network.limit])}
+    metadata = {'format': FORMAT, 'sizes': json.dumps(network.sizes.tolist()),
+                'activation': 'tanh'}
+    beside = path.with_name(f'.{path.name}.{os.getpid()}')
+    try:
+        save_file(tensors, beside, metadata)
+        os.replace(beside, path)
+    finally:
+        beside.unlink(missing_ok=True)
+
+
+def load_network(path: Path) -> Network:
+    """Read a network that `save_network` wrote.
+
+    Raises:
+        ModelError: the file is missing, damaged, of another format, or does not fit together.
+    """
+    try:
+        with safe_open(path, framework='numpy') as file:
+            metadata = file.metadata() or {}
+            tensors = {name: file.get_tensor(name).astype(float) for name in file.keys()}
+        if metadata.get('format') != FORMAT:
+            raise ModelError(f'format {metadata.get("format")}, expected {FORMAT}')
+        return Network(np.array(json.loads(metadata['sizes']), dtype=np.int64),
+                       tensors['weights'], tensors['input_shift'], tensors['input_scale'],
+                       tensors['output_scale'].item(), tensors['output_limit'].item())
+    except (OSError, SafetensorError, KeyError, ValueError, ModelError) as error:
+        raise ModelError(f'{path}: not a network of this software: {error}') from error

@@ -1,0 +1,127 @@
+"""A plant with effects and values for everything, discretised: what the kernel runs."""
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+from scipy.linalg import expm
+
+from hydro_twin.effects import EFFECTS, Placed
+from hydro_twin.plants.plant import FloatArray, Laws, Plant
+from hydro_twin.predictors import kernel
+
+IntArray = npt.NDArray[np.int64]
+
+
+@dataclass(frozen=True)
+class System:
+    """The arrays of the kernel; see `kernel` for their layout.
+
+    Attributes:
+        laws: the linear laws they come from.
+        shift: how late each input acts [samples].
+        memory: how many numbers the effects keep.
+    """
+
+    plant: Plant
+    laws: Laws
+    M: FloatArray
+    O: FloatArray
+    table: IntArray
+    p: FloatArray
+    shift: FloatArray
+    held: npt.NDArray[np.bool_]
+    substeps: int
+    sample_time: float
+    memory: int
+
+    def work(self) -> FloatArray:
+        """Allocate the scratch of the kernel."""
+        n, m = self.laws.B.shape
+        return np.zeros((8, max(n, m, len(self.plant.ports), self.memory, 2)))
+
+    def start(self, inputs: FloatArray, output: float) -> FloatArray:
+        """Return the state at rest, shape (n,), that gives this output under these inputs (m,)."""
+        rest = [self.plant.states.index(name) for name in self.plant.at_rest]
+        rows = np.vstack([self.laws.A[rest], self.laws.C])
+        right = np.concatenate([-self.laws.B[rest] @ inputs, [output] - self.laws.D @ inputs])
+        return np.linalg.solve(rows, right)
+
+    def run(self, inputs: FloatArray, x: FloatArray, seen: FloatArray | None = None
+            ) -> FloatArray:
+        """Run freely from state x over inputs (N, m); returns the output (N,).
+
+        Args:
+            seen: (N, ports + signals) to be filled with what passes at the ports, or None.
+        """
+        y = np.empty(len(inputs))
+        kernel.run(self.M, self.O, self.table, self.p, self.shift, self.held, self.substeps,
+                   self.sample_time, x.copy(), np.zeros(self.memory), self.work(), inputs, y,
+                   np.empty((0, 0)) if seen is None else seen)
+        return y
+
+
+def discretise(laws: Laws, h: float) -> FloatArray:
+    """Integrate x' = A x + V v exactly over a step in which v = [u, d] moves in a straight line.
+
+    Returns:
+        [Phi | inputs at begin | at end | d at begin | d at end], shape (n, n + 2m + 2P).
+    """
+    n, m = laws.B.shape
+    block = np.zeros((3 * n, 3 * n))
+    block[:n, :n] = laws.A * h
+    block[:n, n:2 * n] = block[n:2 * n, 2 * n:] = np.eye(n)
+    exponential = expm(block)
+    Phi, whole, late = (exponential[:n, k * n:(k + 1) * n] for k in range(3))
+    V = np.hstack([laws.B, laws.E]) * h
+    end, begin = late @ V, (whole - late) @ V
+    return np.ascontiguousarray(
+        np.hstack([Phi, begin[:, :m], end[:, :m], begin[:, m:], end[:, m:]]))
+
+
+def assemble(plant: Plant, values: Mapping[str, float], effects: Sequence[Placed] = (),
+             sample_time: float | None = None, substeps: int = 4,
+             shift: Mapping[str, float] | None = None) -> System:
+    """Make a system of a plant.
+
+    Args:
+        values: parameters and constants by name.
+        shift: how late inputs act [s], by name, besides what a delay among the effects adds.
+        substeps: steps in a sample where there are effects; without any, one is exact.
+    """
+    T = sample_time or plant.sample_time
+    laws = plant.laws(values)
+    late = np.array([(shift or {}).get(signal.name, 0.0) for signal in plant.inputs]) / T
+    held = np.array([signal.held for signal in plant.inputs])
+    at_port = sorted((placed for placed in effects if placed.effect.law is not None),
+                     key=lambda placed: plant.ports.index(placed.port))
+    for placed in effects:
+        if placed.effect.shifts:
+            late = late + np.where(held | (placed.effect.shifts == 'all'),
+                                   placed.values[0] / T, 0.0)
+    table, p, memory = [], [], 0
+    for placed in at_port:
+        signals = [_signal_row(plant, placed, name) for name in placed.effect.reads]
+        signals = (signals + [0, 0])[:2]
+        kept = placed.effect.memory
+        table.append([EFFECTS.index(placed.effect), plant.ports.index(placed.port), *signals,
+                      len(p), len(p) + len(placed.values), memory, memory + kept,
+                      placed.effect.implicit])
+        p.extend(placed.values)
+        memory += kept
+    steps = substeps if table else 1
+    return System(
+        plant=plant, laws=laws, M=discretise(laws, T / steps),
+        O=np.ascontiguousarray(np.vstack([
+            np.hstack([laws.port_x, laws.port_u, laws.port_d]),
+            np.hstack([laws.signal_x, laws.signal_u, laws.signal_d])])),
+        table=np.array(table, dtype=np.int64).reshape(-1, 9), p=np.array(p, dtype=np.float64),
+        shift=late, held=held, substeps=steps, sample_time=T, memory=memory)
+
+
+def _signal_row(plant: Plant, placed: Placed, name: str) -> int:
+    """Find the row of O for a signal at the port of an effect."""
+    before = sum(len(port.signals) for port in plant.ports[:plant.ports.index(placed.port)])
+    return len(plant.ports) + before + list(placed.port.signals).index(name)
