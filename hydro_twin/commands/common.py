@@ -4,7 +4,7 @@ from __future__ import annotations
 import argparse
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -21,14 +21,15 @@ class Rig:
     """The plant at hand, and what is known of this copy of it.
 
     Attributes:
-        plant: with the sample time of the configuration, where that gives one.
         constants: all constants of the plant, in SI units.
         signals: where the plant's inputs and its output are found in messages.
+        sample_time: of the time grid [s]; the configuration's, else the plant's.
     """
 
     plant: Plant
     constants: dict[str, float]
     signals: dict[str, SignalMap]
+    sample_time: float
 
 
 def add_rig_arguments(parser: argparse.ArgumentParser) -> None:
@@ -97,26 +98,24 @@ def rig_of(plant: Plant, config: Path | None = None,
 
     signals = load_signals(plant.name, [signal.name for signal in plant.signals], config)
     given = load_parameters(config) if config else {}
-    if 'sample_time' in given:
-        sample_time = number(given['sample_time'], f'{config}: sample_time')
-        if sample_time <= 0:
-            raise UserError(f'{config}: sample_time must be above zero, not {sample_time:g}')
-        plant = replace(plant, sample_time=sample_time)
+    sample_time = number(given.get('sample_time', plant.sample_time), f'{config}: sample_time')
+    if sample_time <= 0:
+        raise UserError(f'{config}: sample_time must be above zero, not {sample_time:g}')
     values = plant.constant_values(load_constants(plant.name, config) | (constants or {}))
-    return Rig(plant, values, signals)
+    return Rig(plant, values, signals, sample_time)
 
 
 def read(bags: Sequence[Path], rig: Rig) -> Recording:
-    """Read bags onto the time grid of the plant, commands held and measurements interpolated.
+    """Read bags onto the time grid of the rig, commands held and measurements interpolated.
 
     Raises:
         BagError: a bag cannot be read, or lacks a signal.
     """
-    from hydro_twin.recording import read_recording
+    from hydro_twin.recording.read import read_recording
 
     held = {signal.name for signal in rig.plant.signals if signal.held}
     with progress('reading'):
-        return read_recording(bags, rig.signals, held, rig.plant.sample_time)
+        return read_recording(bags, rig.signals, held, rig.sample_time)
 
 
 def train_and_test(args: argparse.Namespace, rig: Rig) -> tuple[Recording, Recording]:

@@ -1,0 +1,93 @@
+"""Tests of the package's own description: manifests that agree, names that harm nobody."""
+import ast
+from importlib.metadata import distribution, requires, version
+import os
+from pathlib import Path
+import re
+import subprocess
+import sys
+from xml.etree import ElementTree as ET
+
+from hydro_twin.commands.main import VERBS
+from hydro_twin.share import share_folder
+
+ROOT = Path(__file__).resolve().parents[1]
+MANIFEST = ET.parse(ROOT / 'package.xml').getroot()
+KEYS = {   # name on PyPI -> rosdep key, where there is one
+    'jinja2': 'python3-jinja2',
+    'matplotlib': 'python3-matplotlib',
+    'numba': 'python3-numba',
+    'numpy': 'python3-numpy',
+    'pyyaml': 'python3-yaml',
+    'rich': 'python3-rich',
+    'rosbags': 'python3-rosbags-pip',
+    'safetensors': None,
+    'scipy': 'python3-scipy',
+}
+ROS = {'rclpy', 'builtin_interfaces', 'diagnostic_msgs', 'lifecycle_msgs', 'rcl_interfaces',
+       'rosgraph_msgs', 'sensor_msgs', 'std_msgs', 'std_srvs', 'ament_index_python', 'launch',
+       'launch_ros'}
+
+
+def manifest(tag):
+    return {element.text for element in MANIFEST.iter(tag)}
+
+
+def imported(*folders):
+    """Collect the top-level names of all that the code imports, wherever it does."""
+    names = set()
+    for path in (path for folder in folders for path in (ROOT / folder).rglob('*.py')):
+        for node in ast.walk(ast.parse(path.read_text(encoding='utf-8'))):
+            if isinstance(node, ast.Import):
+                names |= {alias.name for alias in node.names}
+            elif isinstance(node, ast.ImportFrom):
+                names.add(node.module or '')
+    return {name.partition('.')[0] for name in names}
+
+
+def test_manifests_agree():
+    assert manifest('name') == {'hydro_twin'}
+    assert manifest('version') == {version('hydro_twin')}
+    assert manifest('license') == {'Apache-2.0'}
+    assert manifest('build_type') == {'ament_python'}
+
+
+def test_every_dependency_is_a_rosdep_key():
+    needed = {re.split(r'[^\w-]', line)[0].lower() for line in requires('hydro_twin')
+              if 'extra ==' not in line}
+    assert {KEYS[name] for name in needed} - {None} <= manifest('exec_depend')
+
+
+def test_every_ros_package_used_is_a_dependency():
+    assert imported('hydro_twin', 'launch') & ROS <= manifest('exec_depend')
+
+
+def test_every_library_used_is_a_dependency():
+    modules = {'yaml': 'pyyaml'}
+    foreign = imported('hydro_twin') - set(sys.stdlib_module_names) - ROS
+    assert {modules.get(name, name) for name in foreign} <= {*KEYS, 'hydro_twin', 'torch'}
+
+
+def test_a_plain_install_has_one_command():
+    """`node` and `import` in the PATH would stand before Node.js and ImageMagick."""
+    scripts = [entry.name for entry in distribution('hydro_twin').entry_points
+               if entry.group == 'console_scripts']
+    assert scripts == ['hydro-twin']
+
+
+def test_every_verb_is_an_executable_of_the_ros_package():
+    scripts = {path.name for path in (ROOT / 'scripts').iterdir() if path.is_symlink()}
+    assert scripts == set(VERBS)
+    for verb in VERBS:
+        assert os.access(ROOT / 'scripts' / verb, os.X_OK)
+
+
+def test_an_executable_is_its_verb():
+    done = subprocess.run([sys.executable, ROOT / 'scripts' / 'node', '--help'],
+                          capture_output=True, text=True, check=True)
+    assert done.stdout.startswith('usage: hydro-twin node')
+
+
+def test_what_comes_along_is_found():
+    assert share_folder() == ROOT
+    assert (share_folder() / 'config').is_dir()
