@@ -1,0 +1,52 @@
+"""EA of [B19]: mutation with step sizes that evolve themselves, and no crossover."""
+from __future__ import annotations
+
+import numpy as np
+
+from hydro_twin.fitting.search import CYCLES, INDIVIDUALS, Objective, Scorer, SearchResult
+from hydro_twin.recording.series import FloatArray
+
+STEP = 0.1          # K_i in widths of the box
+
+
+def evolution(
+    objective: Objective, lower: FloatArray, upper: FloatArray, seed: int,
+) -> SearchResult:
+    """Breed 100 generations of 100, with the settings of [B19] Table 2.
+
+    Roulette-wheel selection, generational replacement, elitism of one, mutation rate 1:
+    gene + K_i N(0, sigma_i). Two things the paper leaves open: the slots of the wheel are as
+    wide as the individual is better than the worst, and sigma_i, which starts at 1, mutates by
+    the usual log-normal factor (Baeck and Schwefel 1993). Genes are clamped to the box.
+
+    Args:
+        objective: scores a population, shape (P, d) -> (P,).
+        lower: lower corner of the box, shape (d,).
+        upper: upper corner.
+        seed: the same seed gives the same result.
+    """
+    rng = np.random.default_rng(seed)
+    score = Scorer(objective)
+    shape = INDIVIDUALS, lower.size
+    own, common = 1.0 / np.sqrt(2.0 * np.sqrt(lower.size)), 1.0 / np.sqrt(2.0 * lower.size)
+    genes, sigma = rng.uniform(lower, upper, shape), np.ones(shape)
+    errors = score(genes)
+    for _ in range(CYCLES - 1):
+        parents = rng.choice(INDIVIDUALS, INDIVIDUALS, p=_wheel(errors))
+        parents[0] = np.argmin(errors)
+        elite, elite_sigma = genes[parents[0]], sigma[parents[0]]
+        sigma = sigma[parents] * np.exp(
+            common * rng.standard_normal((INDIVIDUALS, 1)) + own * rng.standard_normal(shape))
+        step = STEP * (upper - lower) * sigma * rng.standard_normal(shape)
+        genes = np.clip(genes[parents] + step, lower, upper)
+        genes[0], sigma[0] = elite, elite_sigma
+        errors = score(genes)
+    return score.result()
+
+
+def _wheel(errors: FloatArray) -> FloatArray:
+    """Share of the roulette wheel that each individual gets, summing to 1."""
+    finite = np.isfinite(errors)
+    slots = np.where(finite, errors.max(initial=0.0, where=finite) - errors, 0.0)
+    total = slots.sum()
+    return slots / total if total > 0.0 else np.full(errors.size, 1.0 / errors.size)

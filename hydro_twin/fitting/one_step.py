@@ -1,0 +1,148 @@
+"""The fit of physical parameters to the one-step error, on its triangular factor alone."""
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+from scipy.optimize import least_squares as bounded_least_squares
+from scipy.stats import qmc
+
+from hydro_twin.fitting.regression import Regression, regressors
+from hydro_twin.fitting.search import Objective, SearchResult
+from hydro_twin.recording.series import FloatArray, Series
+
+# (P, d) physical parameters -> (P, m) coefficients of the difference equation; takes complex ones
+Coefficients = Callable[[npt.NDArray[Any]], npt.NDArray[Any]]
+
+SCREENED, STARTS = 1024, 12
+COMPLEX_STEP = 1e-30
+PRECISION = 1e-15       # least squares ends where rounding does
+AT_BOUND = 1e-6         # of the logarithmic width of the box
+PIECE = 65536           # rows judged at once: longer than any memory of the residual
+
+
+def one_step_error(regression: Regression, coefficients: Coefficients) -> Objective:
+    """Return the function that scores a population of physical parameters by its rms, eq. 5."""
+    return lambda population: regression.rms(coefficients(population))
+
+
+def embedding(
+    names: Sequence[str], combinations: Sequence[Mapping[str, int]],
+    lower: FloatArray, upper: FloatArray,
+) -> tuple[FloatArray, FloatArray]:
+    """Lay coordinates over the box, one for each thing that the data can know.
+
+    A coordinate x in [0, 1] moves one parameter over its range, on a logarithmic scale, or all
+    parameters of one combination at once, so that the combination covers its whole range:
+    log p = origin + M x.
+
+    Args:
+        names: of the d parameters.
+        combinations: groups that act only together, as in `Plant.combinations`.
+        lower: lower corner of the box, above zero, shape (d,).
+        upper: upper corner.
+
+    Returns:
+        origin, shape (d,), and M, shape (d, coordinates).
+    """
+    sign = np.ones(len(names))
+    group = np.arange(len(names))
+    for combination in combinations:
+        members = [names.index(name) for name in combination]
+        sign[members] = np.sign(list(combination.values()))
+        group[members] = members[0]
+    width = np.log(upper) - np.log(lower)
+    M = (sign * width)[:, None] * (group[:, None] == np.unique(group))
+    return np.where(sign > 0.0, np.log(lower), np.log(upper)), M
+
+
+def derivative(coefficients: Coefficients, parameters: FloatArray) -> FloatArray:
+    """Differentiate the coefficients by the logarithm of each parameter, by the complex step.
+
+    Exact to rounding: nothing is subtracted.
+
+    Args:
+        coefficients: the difference equation.
+        parameters: shape (d,).
+
+    Returns:
+        Shape (m, d).
+    """
+    moved = parameters + 1j * COMPLEX_STEP * np.diag(parameters)
+    slope: FloatArray = coefficients(moved).imag.T / COMPLEX_STEP
+    return slope
+
+
+def least_squares(
+    regression: Regression, coefficients: Coefficients, names: Sequence[str],
+    combinations: Sequence[Mapping[str, int]], lower: FloatArray, upper: FloatArray, seed: int,
+) -> SearchResult:
+    """Minimise the one-step error over the box, from many starts.
+
+    Each start is a bounded least-squares problem of m residuals, the rows of the factor, with
+    exact derivatives; the starts are the best of a Sobol sequence.
+
+    Args:
+        regression: the factor of the samples.
+        coefficients: the difference equation.
+        names: of the d parameters.
+        combinations: groups that act only together.
+        lower: lower corner of the box, above zero, shape (d,).
+        upper: upper corner.
+        seed: the same seed gives the same result.
+
+    Returns:
+        The best of all starts; the history has one entry a start. Members of a combination
+        that the data do not tell apart stand at the same height in their ranges.
+    """
+    origin, M = embedding(names, combinations, lower, upper)
+    X, y = regression.R[:, :-1], regression.R[:, -1]
+    objective = one_step_error(regression, coefficients)
+
+    def parameters(x: FloatArray) -> FloatArray:
+        return np.clip(np.exp(origin + x @ M.T), lower, upper)  # exp may miss a corner by an ulp
+
+    def residual(x: FloatArray) -> FloatArray:
+        c: FloatArray = coefficients(parameters(x)[None])[0]
+        return X @ c - y
+
+    def jacobian(x: FloatArray) -> FloatArray:
+        slope: FloatArray = derivative(coefficients, parameters(x)) @ M
+        return X @ slope
+
+    drawn = qmc.Sobol(M.shape[1], rng=seed).random(SCREENED)
+    starts = drawn[np.argsort(objective(parameters(drawn)), kind='stable')[:STARTS]]
+    ends = np.array([
+        bounded_least_squares(residual, x, jacobian, bounds=(0.0, 1.0), ftol=PRECISION,
+                              xtol=PRECISION, gtol=PRECISION).x for x in starts])
+    found = parameters(ends)
+    errors = objective(found)
+    best = int(np.argmin(errors))
+    return SearchResult(found[best], float(errors[best]), np.minimum.accumulate(errors))
+
+
+def at_bound(
+    names: Sequence[str], parameters: FloatArray, lower: FloatArray, upper: FloatArray,
+) -> tuple[str, ...]:
+    """Name the parameters that stopped at the edge of the box."""
+    height = np.log(parameters / lower) / np.log(upper / lower)
+    return tuple(name for name, h in zip(names, height, strict=True)
+                 if min(h, 1.0 - h) < AT_BOUND)
+
+
+def sensitivities(
+    stretches: Iterable[Series], output: str, inputs: Sequence[str], order: int,
+    coefficients: Coefficients, parameters: FloatArray,
+) -> Iterator[tuple[FloatArray, FloatArray]]:
+    """Yield the Jacobian and the residual of the one-step error, for `assess`, piece by piece.
+
+    Yields:
+        d y / d log(parameters), shape (N, d), and y - x c, shape (N,).
+    """
+    c = coefficients(parameters[None])[0]
+    slope = derivative(coefficients, parameters)
+    for series in stretches:
+        for rows in regressors(series, output, inputs, order, PIECE):
+            yield rows[:, :-1] @ slope, rows[:, -1] - rows[:, :-1] @ c
