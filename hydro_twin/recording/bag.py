@@ -30,11 +30,13 @@ class Samples:
     Attributes:
         stamps: strictly increasing [ns].
         stamped: whether they come from the messages' headers, else they are receive times.
+        delay: from stamp to reception, typically [ns].
     """
 
     stamps: IntArray
     values: FloatArray
     stamped: bool
+    delay: int = 0
 
 
 @dataclass
@@ -61,7 +63,7 @@ def read_signals(path: Path, signals: Mapping[str, SignalMap], optional: Collect
     Raises:
         BagError: there is no such bag, it is damaged, or it does not hold the signals.
     """
-    with _opened(path) as reader:
+    with opened(path) as reader:
         held = _find_topics(path, reader, signals, optional)
         signals = {name: signal for name, signal in signals.items() if signal.topic in held}
         topics = {}
@@ -86,7 +88,7 @@ def read_signals(path: Path, signals: Mapping[str, SignalMap], optional: Collect
 
 
 @contextmanager
-def _opened(path: Path) -> Iterator[Any]:
+def opened(path: Path) -> Iterator[Any]:
     """Open a bag, and turn all that reading it may raise into one line."""
     from rosbags.highlevel import AnyReader, AnyReaderError
     from rosbags.rosbag2 import ReaderError
@@ -250,7 +252,7 @@ def _take(path: Path, name: str, topic: _Topic, batch: Batch) -> None:
 def _samples(path: Path, name: str, signal: SignalMap, topic: _Topic) -> Samples:
     """Put the samples of one signal together, and check their clock and their values."""
     stamped = topic.stamped
-    stamps = np.concatenate(topic.received)
+    received = stamps = np.concatenate(topic.received)
     if stamped:
         sec, nanosec = (np.concatenate(topic.values[key]).astype(np.int64) for key in STAMP)
         headers = sec * 1_000_000_000 + nanosec
@@ -277,4 +279,5 @@ def _samples(path: Path, name: str, signal: SignalMap, topic: _Topic) -> Samples
         raise BagError(f'{path}: {len(bad)} of {len(values)} values of signal {name} on '
                        f'{signal.topic} are not finite, the first in message {bad[0]}')
     first = np.concatenate([[True], steps > 0])   # of messages with one stamp the first counts
-    return Samples(stamps[first], values[first], stamped)
+    delay = int(np.median(received[present] - stamps))
+    return Samples(stamps[first], values[first], stamped, delay)

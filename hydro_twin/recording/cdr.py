@@ -93,8 +93,9 @@ class Layout:
 
     def spelled(self) -> list[str]:
         """Spell the fields as a user would ask for them."""
-        return [path if leaf.elements is None else f'{path}[0..{leaf.elements - 1}]' if leaf.elements
-                else f'{path}[] (empty)' for path, leaf in self.leaves.items()]
+        return [path + ('' if leaf.elements is None else
+                        f'[0..{leaf.elements - 1}]' if leaf.elements else '[] (empty)')
+                for path, leaf in self.leaves.items()]
 
 
 def lay_out(payload: bytes, msgtype: str, typestore: Typestore) -> Layout:

@@ -1,0 +1,195 @@
+"""Writes recordings as rosbag2 bags, whole or not at all."""
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
+import heapq
+from itertools import pairwise
+from pathlib import Path
+import tempfile
+from typing import Any, TYPE_CHECKING
+
+import numpy as np
+
+from hydro_twin.errors import BagError, DataError
+from hydro_twin.recording.bag import opened, read_signals, STAMP, STORAGES
+from hydro_twin.recording.cdr import IntArray, lay_out, Layout
+from hydro_twin.recording.series import Series
+from hydro_twin.recording.signals import NAME_FIELDS, SignalMap, split_index
+
+if TYPE_CHECKING:
+    from rosbags.rosbag2 import Writer
+    from rosbags.typesys.store import Typestore
+
+Message = tuple[int, Any, bytes]   # receive time [ns], connection, content
+LOT = 4096   # messages made at once
+
+
+def write_recording(path: Path, series: Sequence[Series], signals: Mapping[str, SignalMap],
+                    about: Mapping[str, str] | None = None) -> None:
+    """Write series as a bag; signals on one topic travel in one message a sample.
+
+    Args:
+        path: of the bag, a folder (mcap inside), or a single file if it ends in .mcap or .db3.
+        series: in the order of time.
+        signals: where each column of the series goes.
+        about: what the bag's metadata shall say of its origin.
+
+    Raises:
+        BagError: the path exists already, or a field of the signal map is not in its type.
+        DataError: a series does not begin after the end of the one before.
+    """
+    for before, after in pairwise(series):
+        if after.start <= _stamps(before)[-1]:
+            raise DataError(f'series do not follow each other in time: one begins at '
+                            f'{after.start} ns, where the one before is still running')
+    with _new_bag(path) as writer:
+        for key, text in (about or {}).items():
+            writer.set_custom_data(key, text)
+        for received, connection, content in _messages(writer, series, signals, 0):
+            writer.write(connection, received, content)
+
+
+def add_to_copy(source: Path, path: Path, series: Sequence[Series],
+                signals: Mapping[str, SignalMap], beside: SignalMap) -> None:
+    """Copy a bag, message for message, and add series on topics of their own.
+
+    Args:
+        source: the bag to copy.
+        path: of the copy, as for `write_recording`.
+        series: what to add, stamped in the clock of the source.
+        signals: where each column of the series goes.
+        beside: a signal of the source; what is added is received as late after its stamp as this.
+
+    Raises:
+        BagError: the source cannot be read or already has such a topic, or the path exists.
+    """
+    delay = read_signals(source, {'signal': beside})['signal'].delay
+    with opened(source) as reader, _new_bag(path) as writer:
+        if taken := {s.topic for s in signals.values()} & {c.topic for c in reader.connections}:
+            raise BagError(f'{source} already has {", ".join(sorted(taken))}')
+        connections = {connection.id: writer.add_connection(
+            connection.topic, connection.msgtype, typestore=reader.typestore,
+            offered_qos_profiles=connection.ext.offered_qos_profiles)
+            for connection in reader.connections}
+        copied = ((received, connections[c.id], raw) for c, received, raw in reader.messages())
+        added = _messages(writer, series, signals, delay)
+        for received, connection, content in heapq.merge(copied, added, key=lambda m: m[0]):
+            writer.write(connection, received, content)
+
+
+@contextmanager
+def _new_bag(path: Path) -> Iterator[Writer]:
+    """Open a bag for writing in a hidden folder beside its place, and move it there when whole."""
+    from rosbags.rosbag2 import StoragePlugin, Writer
+
+    if path.exists():
+        raise BagError(f'{path} exists already: it is not overwritten')
+    if not path.parent.is_dir():
+        raise BagError(f'{path}: there is no folder {path.parent}')
+    single = path.suffix in STORAGES
+    plugin = StoragePlugin.SQLITE3 if path.suffix == '.db3' else StoragePlugin.MCAP
+    with tempfile.TemporaryDirectory(prefix=f'.{path.name}.', dir=path.parent) as folder:
+        bag = Path(folder) / (path.stem if single else path.name)
+        with Writer(bag, version=9, storage_plugin=plugin) as writer:
+            yield writer
+        (bag / f'{bag.name}{path.suffix}' if single else bag).rename(path)
+
+
+def _messages(writer: Writer, series: Iterable[Series], signals: Mapping[str, SignalMap],
+              delay: int) -> Iterator[Message]:
+    """Yield the messages of series, topic beside topic, sample after sample."""
+    from rosbags.typesys import get_typestore, Stores
+
+    store = get_typestore(Stores.ROS2_JAZZY)
+    topics: dict[str, dict[str, SignalMap]] = {}
+    for name, signal in signals.items():
+        topics.setdefault(signal.topic, {})[name] = signal
+    makers = []
+    for topic, members in topics.items():
+        msgtypes = {signal.type for signal in members.values()}
+        if len(msgtypes) > 1:
+            raise BagError(f'{topic} cannot carry {" and ".join(sorted(msgtypes))} at once')
+        msgtype = msgtypes.pop()
+        if msgtype not in store.fielddefs:
+            raise BagError(f'{topic}: ROS 2 Jazzy has no standard message {msgtype}')
+        connection = writer.add_connection(topic, msgtype, typestore=store)
+        makers.append((connection, _template(msgtype, members, store), members))
+    for one in series:
+        stamps = _stamps(one)
+        for begin in range(0, len(stamps), LOT):
+            lot = stamps[begin:begin + LOT]
+            rows = [_filled(layout, lot, {signal.field: signal.raw(one[name][begin:begin + LOT])
+                                          for name, signal in members.items()})
+                    for _, layout, members in makers]
+            for k, stamp in enumerate(lot.tolist()):
+                for (connection, _, _), contents in zip(makers, rows, strict=True):
+                    yield stamp + delay, connection, contents[k]
+
+
+def _stamps(series: Series) -> IntArray:
+    """Return the stamps of all samples [ns]."""
+    steps = np.arange(len(series)) * (series.sample_time * 1e9)
+    stamps: IntArray = series.start + np.rint(steps).astype(np.int64)
+    return stamps
+
+
+def _filled(layout: Layout, stamps: IntArray, columns: Mapping[str, Any]) -> list[bytes]:
+    """Write stamps and columns into copies of a template message."""
+    rows = np.tile(np.frombuffer(layout.payload, np.uint8), (len(stamps), 1))
+    if STAMP[0] in layout.leaves:
+        columns = dict(zip(STAMP, np.divmod(stamps, 1_000_000_000), strict=True)) | dict(columns)
+    for path, column in columns.items():
+        leaf = layout.leaf(path)
+        assert leaf is not None   # the template was made with this very joint
+        numbers = np.rint(column) if leaf.dtype[1] in 'iu' else column
+        content = numbers.astype(leaf.dtype)[:, None].view(np.uint8)
+        rows[:, leaf.offset:leaf.offset + content.shape[1]] = content
+    return [row.tobytes() for row in rows]
+
+
+def _template(msgtype: str, signals: Mapping[str, SignalMap], store: Typestore) -> Layout:
+    """Make a message that has room for the fields of some signals, and lay it out."""
+    joints: dict[str, list[str]] = {}   # prefix of a group of arrays -> its joints
+    lengths: dict[str, int] = {}
+    for name, signal in signals.items():
+        path, index = split_index(signal.field)
+        if index is not None:
+            group = joints.setdefault(path[:path.rfind('.') + 1], [])
+            while index.isdecimal() and len(group) <= int(index):
+                group.append(name if len(group) == int(index) else f'joint_{len(group)}')
+            if not index.isdecimal() and index not in group:
+                group.append(index)
+        for end in [k for k, letter in enumerate(path) if letter == ']']:
+            owner, element = split_index(path[:end + 1])
+            lengths[owner] = max(lengths.get(owner, 0), int(element or 0) + 1)
+    for signal in signals.values():
+        path, index = split_index(signal.field)
+        if index is not None:
+            lengths[path] = len(joints[path[:path.rfind('.') + 1]])
+    message = _blank(msgtype, '', store, lengths, joints)
+    content = bytes(store.serialize_cdr(message, msgtype))
+    layout = lay_out(content, msgtype, store)
+    for signal in signals.values():
+        layout.leaf(signal.field)
+    return layout
+
+
+def _blank(msgtype: str, prefix: str, store: Typestore, lengths: Mapping[str, int],
+           joints: Mapping[str, list[str]]) -> Any:
+    """Make a message of zeros; arrays of numbers that need not be there are empty."""
+    def value(kind: int, about: Any, path: str) -> Any:
+        if kind == 2:   # the kinds are those of rosbags.interfaces.Nodetype
+            return _blank(about, f'{path}.', store, lengths, joints)
+        if kind == 1:
+            return '' if about[0] == 'string' else False if about[0] == 'bool' else 0
+        (item_kind, item), size = about
+        count = size if kind == 3 else lengths.get(path, 0)
+        if item_kind == 1 and item[0] != 'string':
+            return np.zeros(count, 'u1' if item[0] in ('byte', 'char', 'octet') else item[0])
+        if item_kind == 1 and kind == 4 and path.removeprefix(prefix) in NAME_FIELDS:
+            return joints.get(prefix, [])
+        return [value(int(item_kind), item, f'{path}[{k}]') for k in range(count)]
+
+    return store.types[msgtype](*(value(int(kind), about, f'{prefix}{name}')
+                                  for name, (kind, about) in store.fielddefs[msgtype][1]))
