@@ -5,6 +5,7 @@ from collections import defaultdict
 from collections.abc import Collection, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass, field
+import errno
 from itertools import batched
 from pathlib import Path
 import sqlite3
@@ -12,7 +13,7 @@ from typing import Any
 
 import numpy as np
 
-from hydro_twin.errors import BagError
+from hydro_twin.errors import BagError, UserError
 from hydro_twin.recording import mcap
 from hydro_twin.recording.cdr import Batch, CdrError, Extractor, IntArray
 from hydro_twin.recording.series import FloatArray
@@ -47,6 +48,7 @@ class _Topic:
     stamped: bool
     promised: int
     received: list[IntArray] = field(default_factory=list)
+    headers: list[IntArray] = field(default_factory=list)
     values: dict[str, list[FloatArray]] = field(default_factory=lambda: defaultdict(list))
     present: dict[str, list[Any]] = field(default_factory=lambda: defaultdict(list))
 
@@ -90,21 +92,20 @@ def read_signals(path: Path, signals: Mapping[str, SignalMap], optional: Collect
 @contextmanager
 def opened(path: Path) -> Iterator[Any]:
     """Open a bag, and turn all that reading it may raise into one line."""
-    from rosbags.highlevel import AnyReader, AnyReaderError
-    from rosbags.rosbag2 import ReaderError
+    from rosbags.highlevel import AnyReader
     from rosbags.typesys import get_typestore, Stores
 
     _check_path(path)
     try:
         with AnyReader([path], default_typestore=get_typestore(Stores.ROS2_JAZZY)) as reader:
             yield reader
-    except BagError:
+    except UserError:
         raise
-    except PermissionError as error:
-        raise BagError(f'{path}: {error.strerror}') from None
-    except (AnyReaderError, ReaderError, mcap.CutError, sqlite3.Error, OSError, ValueError,
-            OverflowError, LookupError, TypeError, AssertionError, RuntimeError) as error:
-        # rosbags lets out whatever a damaged byte causes: there is no narrower set.
+    except Exception as error:
+        # A damaged byte makes rosbags raise anything, from AssertionError to ZstdError; what the
+        # operating system says (no permission, no space) is another matter.
+        if isinstance(error, OSError) and error.errno not in (None, errno.EINVAL):
+            raise
         raise BagError(_damage(path, error)) from error
 
 
@@ -244,7 +245,10 @@ def _take(path: Path, name: str, topic: _Topic, batch: Batch) -> None:
         raise BagError(f'{path}: message {index} on {name} ({topic.extractor.msgtype}) '
                        f'{error.args[0]}') from None
     topic.received.append(batch.received)
-    for key in columns.values:
+    if topic.stamped:
+        sec, nanosec = (columns.values[key].astype(np.int64) for key in STAMP)
+        topic.headers.append(sec * 1_000_000_000 + nanosec)
+    for key in columns.values.keys() - set(STAMP):
         topic.values[key].append(columns.values[key])
         topic.present[key].append(columns.present[key])
 
@@ -254,8 +258,7 @@ def _samples(path: Path, name: str, signal: SignalMap, topic: _Topic) -> Samples
     stamped = topic.stamped
     received = stamps = np.concatenate(topic.received)
     if stamped:
-        sec, nanosec = (np.concatenate(topic.values[key]).astype(np.int64) for key in STAMP)
-        headers = sec * 1_000_000_000 + nanosec
+        headers = np.concatenate(topic.headers)
         # A publisher that fills in no stamp leaves them all zero: then they say nothing.
         stamped = bool(headers.any())
         stamps = headers if stamped else stamps

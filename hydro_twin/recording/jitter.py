@@ -7,38 +7,52 @@ from hydro_twin.recording.cdr import IntArray
 from hydro_twin.recording.series import FloatArray
 
 WINDOW = 100   # messages over which the earliest arrival shows the delay that all have in common
+SHORTEST = 20   # fewer messages do not make a line
+MAX_LOST = 5   # after more the sender may have started anew
 STEADY = 1.0   # typical distance from the line, in periods, up to which the rate counts as steady
 
 
 def remove_jitter(received: IntArray) -> IntArray:
-    """Put receive times on a line through the counts of the messages.
+    """Put receive times on lines through the counts of the messages.
 
-    Late arrivals do not move the line: its slope is the median of the slopes between the halves
-    of the record, its height the median of what is left. Lost messages are counted: from one on,
-    all that follow arrive a period later than counted, the earliest of them too.
+    Lost messages are counted; where many are missing, a new line begins.
 
     Args:
         received: receive times, increasing [ns].
 
     Returns:
-        Strictly increasing times [ns]; `received` itself where there is no steady rate.
+        Strictly increasing times [ns], those received where there is no steady rate.
     """
-    if len(received) < WINDOW // 5:
+    if len(received) < SHORTEST:
+        return received
+    counts = count_messages((received - received[0]).astype(np.float64))
+    breaks = np.flatnonzero(np.diff(counts) > MAX_LOST + 1) + 1
+    lined = np.concatenate([_line(times, numbers) for times, numbers in zip(
+        np.split(received, breaks), np.split(counts, breaks), strict=True)])
+    return lined if (np.diff(lined) > 0).all() else received
+
+
+def _line(received: IntArray, counts: FloatArray) -> IntArray:
+    """Fit a line that late arrivals do not move.
+
+    Its slope is the median of the slopes between the halves of the record, its height the median
+    of what is left.
+    """
+    if len(received) < SHORTEST:
         return received
     time = (received - received[0]).astype(np.float64)
-    counts = count_messages(time)
     half = len(time) // 2
     period = np.median((time[half:] - time[:-half]) / (counts[half:] - counts[:-half]))
     late = time - period * counts
     height = np.median(late)
-    if not period >= 1.0 or np.median(np.abs(late - height)) > STEADY * period:
+    if period < 1.0 or np.median(np.abs(late - height)) > STEADY * period:
         return received
     line: IntArray = received[0] + np.rint(height + period * counts).astype(np.int64)
     return line
 
 
 def count_messages(time: FloatArray) -> FloatArray:
-    """Number the messages, leaving out the numbers of those that were lost.
+    """Count the messages, those that were lost too.
 
     A stall also makes a long pause, but what was held up then arrives in a burst, so that soon
     some message is in time again; after a loss none is.

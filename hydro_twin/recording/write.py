@@ -68,11 +68,13 @@ def add_to_copy(source: Path, path: Path, series: Sequence[Series],
     with opened(source) as reader, _new_bag(path) as writer:
         if taken := {s.topic for s in signals.values()} & {c.topic for c in reader.connections}:
             raise BagError(f'{source} already has {", ".join(sorted(taken))}')
-        connections = {connection.id: writer.add_connection(
-            connection.topic, connection.msgtype, typestore=reader.typestore,
-            offered_qos_profiles=connection.ext.offered_qos_profiles)
-            for connection in reader.connections}
-        copied = ((received, connections[c.id], raw) for c, received, raw in reader.messages())
+        connections = {}
+        for topic, msgtype in dict.fromkeys((c.topic, c.msgtype) for c in reader.connections):
+            qos = next(c.ext.offered_qos_profiles for c in reader.connections if c.topic == topic)
+            connections[topic, msgtype] = writer.add_connection(
+                topic, msgtype, typestore=reader.typestore, offered_qos_profiles=qos)
+        copied = ((received, connections[c.topic, c.msgtype], raw)
+                  for c, received, raw in reader.messages())
         added = _messages(writer, series, signals, delay)
         for received, connection, content in heapq.merge(copied, added, key=lambda m: m[0]):
             writer.write(connection, received, content)
