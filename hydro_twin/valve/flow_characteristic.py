@@ -3,11 +3,13 @@ from __future__ import annotations
 
 import csv
 from dataclasses import dataclass
+from functools import cached_property
 from pathlib import Path
 
 import numpy as np
 from scipy.integrate import trapezoid
 from scipy.interpolate import PchipInterpolator
+from scipy.optimize import brentq
 
 from hydro_twin.errors import DataError
 from hydro_twin.recording.series import FloatArray
@@ -30,9 +32,16 @@ class FlowCharacteristic:
     def __call__(self, opening: float | FloatArray) -> FloatArray:
         """Interpolate the flow [1]; outside the curve it goes on as at its end."""
         inside = np.clip(opening, self.opening[0], self.opening[-1])
-        curve = PchipInterpolator(self.opening, self.flow)
         slope = (self.flow[-1] - self.flow[-2]) / (self.opening[-1] - self.opening[-2])
-        return np.asarray(curve(inside) + slope * np.maximum(opening - inside, 0))
+        return np.asarray(self._curve(inside) + slope * np.maximum(opening - inside, 0))
+
+    @cached_property
+    def _curve(self) -> PchipInterpolator:
+        return PchipInterpolator(self.opening, self.flow)
+
+    def inverse(self, flow: float) -> float:
+        """Return the opening that gives a flow within the curve [1]."""
+        return float(brentq(lambda opening: float(self(opening)) - flow, 0, self.d_1))
 
 
 def read_characteristic(path: Path) -> FlowCharacteristic:

@@ -168,7 +168,7 @@ def train_linear(X: FloatArray, y: FloatArray, rng: np.random.Generator) -> Floa
     Returns:
         The input weights v_1, v_2, n_1, n_2, n_3.
     """
-    weights = rng.uniform(-0.1, 0.1, X.shape[1])
+    weights = rng.uniform(-0.1, 0.1, (X.shape[1],))
     P = np.eye(X.shape[1]) * INITIAL_COVARIANCE
     step = np.zeros_like(weights)
     target = expit(y)

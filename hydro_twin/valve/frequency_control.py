@@ -1,0 +1,197 @@
+"""Compare a linear and a nonlinear valve servo in primary frequency control, from the shell.
+
+Run it as `python -m hydro_twin.valve.frequency_control [BAG] -o DIR`.
+"""
+from __future__ import annotations
+
+import argparse
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+import json
+from pathlib import Path
+import sys
+
+import numpy as np
+
+from hydro_twin.commands.common import progress
+from hydro_twin.commands.main import plain
+from hydro_twin.errors import UserError
+from hydro_twin.predictors.analytical import Analytical
+from hydro_twin.recording.read import read_recording
+from hydro_twin.recording.series import FloatArray
+from hydro_twin.recording.signals import load_parameters, load_signals, number
+from hydro_twin.share import share_folder
+from hydro_twin.valve import power_control, turbine
+from hydro_twin.valve.closed_loop import agreement, Run, run_loop
+from hydro_twin.valve.flow_characteristic import read_characteristic
+from hydro_twin.valve.servo_model import published, read_servo, with_limit
+
+CONSTANTS = (*power_control.CONSTANTS, *turbine.CONSTANTS)
+LOAD = 0.97             # of nominal, in the event that is simulated without a bag
+EVENT = ((0.0, 0.0), (5.0, 0.0), (8.0, -0.2), (90.0, -0.2))     # time [s], deviation [Hz]
+
+
+@dataclass(frozen=True)
+class Measured:
+    """What a recording of an event holds, on the grid of the servo.
+
+    Attributes:
+        frequency: of the grid [Hz].
+        opening, power: in units of nominal [1].
+    """
+
+    frequency: FloatArray
+    opening: FloatArray
+    power: FloatArray
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Run the comparison; 2 after an error of the user's."""
+    parser = argparse.ArgumentParser(
+        prog='python -m hydro_twin.valve.frequency_control',
+        description='Simulates primary frequency control with the linear and the nonlinear valve '
+                    'servo, and compares both with a recording where there is one.')
+    parser.add_argument('bag', nargs='?', type=Path, metavar='BAG',
+                        help='recording of frequency, opening and power; without it the frequency '
+                             'falls by 0.2 Hz')
+    parser.add_argument('-o', '--output', type=Path, required=True, metavar='DIR',
+                        help='where comparison.json and comparison.png go')
+    parser.add_argument('--model', type=Path, metavar='M',
+                        help='model file of the servo (default: as published)')
+    parser.add_argument('--curve', type=Path, metavar='CSV',
+                        help='flow characteristic, opening against flow (default: a typical one)')
+    parser.add_argument('--config', type=Path, metavar='FILE',
+                        help='signals and constants (default: config/frequency_control.yaml)')
+    args = parser.parse_args(arguments)
+    try:
+        result = compare(args.bag, args.output, args.model, args.curve, args.config)
+    except (UserError, OSError) as error:
+        print(f'{parser.prog}: {" ".join(str(error).split())}', file=sys.stderr)
+        return 2
+    print(json.dumps(plain(result), indent=2, allow_nan=False))
+    return 0
+
+
+def compare(bag: Path | None, folder: Path, model: Path | None = None, curve: Path | None = None,
+            config: Path | None = None) -> dict[str, object]:
+    """Simulate an event with both servos; writes comparison.json and comparison.png.
+
+    Args:
+        bag: recording of frequency, opening and power, or None for a fall of 0.2 Hz.
+        folder: where to write.
+        model: model file of the nonlinear servo; one without a limit at the stem gets d_1.
+        curve: CSV file of the flow characteristic.
+        config: ROS parameter file with signals and constants.
+
+    Returns:
+        What comparison.json holds.
+
+    Raises:
+        UserError: a file cannot be read or used.
+    """
+    characteristic = read_characteristic(
+        curve or share_folder() / 'config' / 'flow_characteristic.csv')
+    constants = load_loop_constants(config)
+    nonlinear = with_limit(read_servo(model) if model else published(), characteristic)
+    servos = {'linear': Analytical(replace(nonlinear, effects=())),
+              'nonlinear': Analytical(nonlinear)}
+    T = nonlinear.sample_time
+    measured = _read(bag, config, T) if bag else None
+    frequency = measured.frequency if measured else simulated_frequency(constants['f_n'], T)
+    load = LOAD if measured is None else (
+        float(measured.power[0]) - power_control.power_asked(float(frequency[0]), 0.0, constants))
+    runs = {}
+    with progress('simulating', len(servos)) as done:
+        for name, servo in servos.items():
+            runs[name] = run_loop(servo, characteristic, frequency, load, constants)
+            done()
+    result: dict[str, object] = {
+        'bag': bag, 'model': model, 'd_1': characteristic.d_1, 'load': load,
+        'constants': {c.name: {'value': constants[c.name], 'unit': c.unit, 'meaning': c.meaning}
+                      for c in CONSTANTS},
+        'steady': {name: {'opening': run.opening[-1], 'power': run.power[-1]}
+                   for name, run in runs.items()},
+    }
+    reference = measured or runs['nonlinear']
+    result['against'] = 'recording' if measured else 'nonlinear'
+    result['agreement'] = {
+        name: {'opening': agreement(reference.opening, run.opening),
+               'power': agreement(reference.power, run.power)}
+        for name, run in runs.items() if run is not reference}
+    folder.mkdir(parents=True, exist_ok=True)
+    _draw(frequency, T, measured, runs, folder / 'comparison.png')
+    _write(folder / 'comparison.json', json.dumps(plain(result), indent=2).encode())
+    return result
+
+
+def load_loop_constants(config: Path | None = None) -> dict[str, float]:
+    """Load the constants of controller and turbine.
+
+    Raises:
+        UserError: the file cannot be read, or a constant is unknown or not a number.
+    """
+    values = {constant.name: constant.value for constant in CONSTANTS}
+    path = config or share_folder() / 'config' / 'frequency_control.yaml'
+    for key, value in load_parameters(path).items():
+        root, _, name = key.partition('.')
+        if root != 'constants':
+            continue
+        if name not in values:
+            raise UserError(f'{path}: no constant {name!r}; there are {", ".join(values)}')
+        values[name] = number(value, f'{path}: {key}')
+        if values[name] < 0 or (values[name] == 0 and not name.startswith(('K_', 'dead'))):
+            raise UserError(f'{path}: {key} = {values[name]:g} must be above zero')
+    return values
+
+
+def simulated_frequency(f_n: float, sample_time: float) -> FloatArray:
+    """Make the course of frequency of an event: at rest, a fall of 0.2 Hz in 3 s, and after."""
+    times, deviations = np.transpose(EVENT)
+    deviation = np.interp(np.arange(0, times[-1], sample_time), times, deviations)
+    return np.asarray(f_n + deviation)
+
+
+def _read(bag: Path, config: Path | None, sample_time: float) -> Measured:
+    """Read the longest stretch of a recording."""
+    names = ('frequency', 'power', 'opening')
+    recording = read_recording([bag], load_signals('frequency_control', names, config), (),
+                               sample_time)
+    series = max(recording.series, key=len)
+    return Measured(series['frequency'], series['opening'], series['power'])
+
+
+def _draw(frequency: FloatArray, sample_time: float, measured: Measured | None,
+          runs: dict[str, Run], path: Path) -> None:
+    """Draw frequency, opening and power, one above the other."""
+    from io import BytesIO
+
+    from matplotlib.figure import Figure
+
+    time = sample_time * np.arange(len(frequency))
+    figure = Figure(figsize=(8, 8), layout='constrained')
+    top, *rest = figure.subplots(3, 1, sharex=True)
+    top.plot(time, frequency, color='0.3')
+    top.set(ylabel='frequency [Hz]', title='Primary frequency control')
+    for axes, name in zip(rest, ('opening', 'power'), strict=True):
+        if measured:
+            axes.plot(time, getattr(measured, name), color='0.6', label='recorded')
+        for label, run in runs.items():
+            axes.plot(time, getattr(run, name), '--' if label == 'linear' else '-',
+                      linewidth=1, label=f'{label} servo')
+        axes.set_ylabel(f'{name} [1]')
+        axes.legend()
+    rest[-1].set_xlabel('time [s]')
+    image = BytesIO()
+    figure.savefig(image, format='png', dpi=120)
+    _write(path, image.getvalue())
+
+
+def _write(path: Path, content: bytes) -> None:
+    """Write a file whole or not at all."""
+    part = path.with_name(f'.{path.name}.part')
+    part.write_bytes(content)
+    part.replace(path)
+
+
+if __name__ == '__main__':
+    sys.exit(main())
