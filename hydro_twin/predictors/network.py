@@ -1,15 +1,15 @@
 """Prediction of a trained network, without torch: one compiled arithmetic, live and in replay."""
 from __future__ import annotations
 
+from dataclasses import dataclass
 import json
 import math
 import os
-from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 import numpy.typing as npt
-from safetensors import SafetensorError, safe_open
+from safetensors import safe_open, SafetensorError
 from safetensors.numpy import save_file
 
 from hydro_twin.compiled import compiled
@@ -22,7 +22,7 @@ FORMAT = '1'
 
 
 @compiled
-def forward(sizes, weights, shift, scale, output_scale, regressors, layers):
+def forward(sizes, weights, shift, scale, output_scale, regressors, layers):  # type: ignore[no-untyped-def]
     """Compute the output of one sample, the sums always in the same order.
 
     A matrix product would round a batch otherwise than a single sample; this does not.
@@ -30,7 +30,8 @@ def forward(sizes, weights, shift, scale, output_scale, regressors, layers):
     Args:
         sizes: width of every layer, inputs first, shape (L,).
         weights: layer after layer the matrix (in, out) by rows, then the bias, shape (P,).
-        shift, scale: the net sees (regressors - shift) / scale, shape (R,).
+        shift: of the regressors, shape (R,).
+        scale: the net sees (regressors - shift) / scale, shape (R,).
         output_scale: the net gives the output over this.
         regressors: shape (R,).
         layers: scratch, shape (2, widest layer).
@@ -56,7 +57,7 @@ def forward(sizes, weights, shift, scale, output_scale, regressors, layers):
 
 
 @compiled
-def forward_all(sizes, weights, shift, scale, output_scale, regressors, layers):
+def forward_all(sizes, weights, shift, scale, output_scale, regressors, layers):  # type: ignore[no-untyped-def]
     """Compute `forward` for every row of regressors, shape (N, R)."""
     outputs = np.empty(len(regressors))
     for k in range(len(regressors)):
@@ -132,7 +133,7 @@ def save_network(network: Network, path: Path) -> None:
     beside = path.with_name(f'.{path.name}.{os.getpid()}')
     try:
         save_file(tensors, beside, metadata)
-        os.replace(beside, path)
+        beside.replace(path)
     finally:
         beside.unlink(missing_ok=True)
 
@@ -146,7 +147,8 @@ def load_network(path: Path) -> Network:
     try:
         with safe_open(path, framework='numpy') as file:
             metadata = file.metadata() or {}
-            tensors = {name: file.get_tensor(name).astype(float) for name in file.keys()}
+            names = file.keys()
+            tensors = {name: file.get_tensor(name).astype(float) for name in names}
         if metadata.get('format') != FORMAT:
             raise ModelError(f'format {metadata.get("format")}, expected {FORMAT}')
         return Network(np.array(json.loads(metadata['sizes']), dtype=np.int64),

@@ -1,0 +1,207 @@
+"""Networks trained on recordings: one a core on a processor, all in one batch on a GPU."""
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass
+from itertools import groupby, pairwise
+from multiprocessing import get_context
+import os
+import signal
+
+import numpy as np
+
+from hydro_twin.errors import UserError
+from hydro_twin.fitting.regression import regression, regressors
+from hydro_twin.plants import Plant
+from hydro_twin.predictors.network import FloatArray, IntArray, Network
+from hydro_twin.recording.series import Series
+
+DIVERGED = 10.0         # a free run that exceeds the largest output trained on by this factor
+
+
+@dataclass(frozen=True)
+class Settings:
+    """How to train a network; the defaults are those of the MLP of [B19].
+
+    Attributes:
+        hidden: widths of the hidden layers.
+        epochs: passes over all patterns.
+        decay: weight decay, against the sum of squared scaled errors.
+    """
+
+    hidden: tuple[int, ...] = (77, 77)
+    epochs: int = 500
+    decay: float = 5e-4
+
+
+HYBRID = Settings(hidden=(80,), decay=0.0)      # [B19], the text; its Table 3 misprints 2 layers
+
+
+@dataclass(frozen=True)
+class Job:
+    """One network to train.
+
+    Attributes:
+        seed: of the weights it starts from.
+        rows: the patterns to train on; all where None.
+    """
+
+    settings: Settings
+    seed: int
+    rows: IntArray | None = None
+
+
+@dataclass(frozen=True, eq=False)
+class Trained:
+    """A trained network, and its RMS over the patterns before every epoch, shape (epochs,)."""
+
+    network: Network
+    curve: FloatArray
+
+
+@dataclass(frozen=True, eq=False)
+class Problem:
+    """What a network is to learn.
+
+    Attributes:
+        regressors: shape (N, R), in the plant's units, as in `regression.regressors`.
+        targets: shape (N,).
+        shift, scale: the network sees (regressors - shift) / scale, shape (R,).
+        output_scale: it gives targets over this.
+        limit: what its free run may not exceed.
+    """
+
+    regressors: FloatArray
+    targets: FloatArray
+    shift: FloatArray
+    scale: FloatArray
+    output_scale: float
+    limit: float
+
+    def network(self, hidden: Sequence[int], weights: FloatArray) -> Network:
+        """Make a network of trained weights, shape (P,)."""
+        sizes = np.array([len(self.shift), *hidden, 1])
+        return Network(sizes, weights, self.shift, self.scale, self.output_scale, self.limit)
+
+
+def make_problem(
+    stretches: Sequence[Series], plant: Plant, predicted: Sequence[FloatArray] | None = None,
+) -> Problem:
+    """Collect the patterns of recordings, and the scaling of [B19].
+
+    Past outputs are divided by the plant's output scale, inputs are (v - mean) / (3 std).
+
+    Args:
+        stretches: the samples.
+        plant: names the signals, and gives the order.
+        predicted: for a hybrid, the one-step prediction of every stretch, on whose error the
+            network is trained; that error is divided by 3 std.
+
+    Raises:
+        DataError: the samples are too few, not finite or constant.
+    """
+    names, order = [signal.name for signal in plant.inputs], plant.order
+    regression(stretches, plant.output.name, names, order)      # refuses what cannot be fitted
+    rows = np.concatenate([block for series in stretches
+                           for block in regressors(series, plant.output.name, names, order)])
+    samples = [np.concatenate([series[name] for series in stretches]) for name in names]
+    spread = [3.0 * column.std() or 1.0 for column in samples]
+    y = rows[:, -1]
+    targets, output_scale = y, plant.output_scale
+    if predicted is not None:
+        begin = order + 1
+        targets = y - np.concatenate([column[begin:] for column in predicted])
+        output_scale = 3.0 * float(targets.std()) or 1.0
+    return Problem(
+        np.ascontiguousarray(rows[:, :-1]), targets,
+        np.concatenate([np.zeros(order), np.repeat([c.mean() for c in samples], order + 1)]),
+        np.concatenate([np.full(order, plant.output_scale), np.repeat(spread, order + 1)]),
+        output_scale, DIVERGED * float(np.abs(y).max()))
+
+
+def first_weights(sizes: Sequence[int], seed: int) -> FloatArray:
+    """Draw the weights of a fresh network, each from +-1/sqrt(inputs of its layer)."""
+    rng = np.random.default_rng(seed)
+    return np.concatenate([rng.uniform(-1.0, 1.0, (rows + 1) * columns) / np.sqrt(rows)
+                           for rows, columns in pairwise(sizes)])
+
+
+def train_batch(
+    problem: Problem, jobs: Sequence[Job], device: str = 'cpu',
+    epoch_done: Callable[[], object] = lambda: None,
+) -> list[Trained]:
+    """Train networks of the same settings in one batched computation.
+
+    The same job gives the same network to rounding, whatever batch it is in.
+
+    Args:
+        problem: what to learn.
+        jobs: of the same settings, with rows of the same number.
+        device: a torch device, 'cpu' or 'cuda'.
+        epoch_done: called after every epoch.
+    """
+    from hydro_twin.fitting.rprop import descend
+    settings = jobs[0].settings
+    x = (problem.regressors - problem.shift) / problem.scale
+    y = problem.targets / problem.output_scale
+    sizes = [x.shape[1], *settings.hidden, 1]
+    split = [job.rows for job in jobs if job.rows is not None]
+    weights, curves = descend(
+        np.stack([x[rows] for rows in split]) if split else x[None],
+        np.stack([y[rows] for rows in split]) if split else y[None],
+        np.stack([first_weights(sizes, job.seed) for job in jobs]),
+        sizes, settings.epochs, settings.decay, device, epoch_done)
+    return [Trained(problem.network(settings.hidden, w), problem.output_scale * curve)
+            for w, curve in zip(weights, curves, strict=True)]
+
+
+def train_many(problem: Problem, jobs: Sequence[Job], device: str = 'cpu') -> Iterator[Trained]:
+    """Train networks and yield them in the order of the jobs, using the whole machine.
+
+    On a processor every core trains one network at a time on one thread, which beats batching;
+    on a GPU neighbouring jobs of the same settings are one batch.
+
+    Args:
+        problem: what to learn.
+        jobs: what to train; any settings.
+        device: 'cpu', or a torch device such as 'cuda'.
+
+    Raises:
+        UserError: there is no such device.
+    """
+    if device != 'cpu':
+        check_device(device)
+        for _, group in groupby(jobs, key=lambda job: job.settings):
+            yield from train_batch(problem, list(group), device)
+        return
+    processes = min(len(os.sched_getaffinity(0)), len(jobs))
+    with get_context('spawn').Pool(processes, _start_worker, (problem,)) as pool:
+        yield from pool.imap(_train_one, jobs)      # leaving early ends the workers
+
+
+def check_device(name: str) -> None:
+    """Refuse a device that torch cannot compute on.
+
+    Raises:
+        UserError: there is no such device on this machine.
+    """
+    import torch
+    try:
+        torch.zeros(1, device=name)
+    except (RuntimeError, AssertionError) as error:
+        raise UserError(f'device {name!r}: torch cannot use it here; try cpu') from error
+
+
+_problem: Problem       # of a worker process
+
+
+def _start_worker(problem: Problem) -> None:
+    """Make ready a worker, which leaves an interrupt to its parent."""
+    global _problem
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    _problem = problem
+
+
+def _train_one(job: Job) -> Trained:
+    """Train one network in a worker."""
+    return train_batch(_problem, [job])[0]

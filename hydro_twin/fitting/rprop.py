@@ -1,0 +1,119 @@
+"""Rprop for many networks of one shape at once; the only module that imports torch."""
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from itertools import pairwise
+
+import numpy as np
+import torch
+from torch import Tensor
+
+from hydro_twin.recording.series import FloatArray
+
+GROW, SHRINK = 1.2, 0.5                     # Riedmiller and Braun 1993
+FIRST, LEAST, LARGEST = 0.01, 1e-6, 50.0    # step of a weight
+
+
+def layers(weights: Tensor, sizes: Sequence[int]) -> list[tuple[Tensor, Tensor]]:
+    """View flat weights, shape (B, P), as matrices (B, in, out) and biases (B, 1, out)."""
+    views, begin = [], 0
+    for rows, columns in pairwise(sizes):
+        bias = begin + rows * columns
+        views.append((weights[:, begin:bias].view(-1, rows, columns),
+                      weights[:, bias:bias + columns].view(-1, 1, columns)))
+        begin = bias + columns
+    return views
+
+
+def gradient(
+    weights: Tensor, sizes: Sequence[int], x: Tensor, y: Tensor, decay: float, out: Tensor,
+) -> Tensor:
+    """Differentiate the sum over the patterns of e^2 / 2, plus decay/2 times that of weights^2.
+
+    Written out rather than left to autograd, which costs a fifth more time.
+
+    Args:
+        weights: shape (B, P).
+        sizes: widths of the layers.
+        x: shape (B, N, R).
+        y: shape (B, N, 1).
+        decay: weight decay.
+        out: takes the gradient, shape (B, P).
+
+    Returns:
+        Sum of e^2 of every network, shape (B,).
+    """
+    here, there = layers(weights, sizes), layers(out, sizes)
+    activations = [x]
+    for matrix, bias in here[:-1]:
+        activations.append(torch.baddbmm(bias, activations[-1], matrix).tanh_())
+    error = torch.baddbmm(here[-1][1], activations[-1], here[-1][0]).sub_(y)
+    squares = error.square().sum((1, 2))
+    for i in reversed(range(len(here))):
+        matrix_gradient, bias_gradient = there[i]
+        matrix_gradient.copy_(activations[i].transpose(1, 2) @ error)
+        bias_gradient.copy_(error.sum(1, keepdim=True))
+        if i:
+            slope = activations[i].square().neg_().add_(1.0)
+            error = (error @ here[i][0].transpose(1, 2)).mul_(slope)
+    out.add_(weights, alpha=decay)
+    return squares
+
+
+def rprop(weights: Tensor, gradient: Tensor, previous: Tensor, steps: Tensor) -> None:
+    """Move every weight by its own step against its gradient; all of one shape, in place.
+
+    A step grows while the sign of the gradient stays and shrinks when it turns, and then the
+    weight rests once: what `torch.optim.Rprop` does.
+    """
+    turn = torch.mul(gradient, previous).sign_()
+    steps.copy_(torch.where(turn > 0, steps * GROW, torch.where(turn < 0, steps * SHRINK, steps)))
+    steps.clamp_(LEAST, LARGEST)
+    gradient.masked_fill_(turn < 0, 0.0)
+    weights.addcmul_(gradient.sign(), steps, value=-1.0)
+    previous.copy_(gradient)
+
+
+def descend(
+    x: FloatArray, y: FloatArray, weights: FloatArray, sizes: Sequence[int], epochs: int,
+    decay: float, device: str, epoch_done: Callable[[], object],
+) -> tuple[FloatArray, FloatArray]:
+    """Train every network for a number of epochs, each on all its patterns at once.
+
+    In single precision: double takes 1.7 times as long, and ends no lower. On one thread of a
+    processor: more of them gain little on one network, and lose where several are trained.
+
+    Args:
+        x: scaled regressors, shape (B, N, R), or (1, N, R) for all networks.
+        y: scaled targets, shape (B, N), or (1, N).
+        weights: where to start, shape (B, P).
+        sizes: widths of the layers, R first, 1 last.
+        epochs: number of steps.
+        decay: weight decay.
+        device: a torch device, 'cpu' or 'cuda'.
+        epoch_done: called after every epoch.
+
+    Returns:
+        The weights, shape (B, P), and the scaled RMS before each epoch, shape (B, epochs).
+    """
+    def move(array: FloatArray) -> Tensor:
+        return torch.as_tensor(array, dtype=torch.float32, device=device)
+
+    threads = torch.get_num_threads()
+    nets, patterns = len(weights), x.shape[1]
+    inputs = move(x).expand(nets, -1, -1)
+    targets = move(y)[..., None].expand(nets, -1, -1)
+    trained = move(weights).clone()
+    slope, previous = torch.empty_like(trained), torch.zeros_like(trained)
+    steps = torch.full_like(trained, FIRST)
+    curve = []
+    torch.set_num_threads(1)
+    try:
+        for _ in range(epochs):
+            curve.append(gradient(trained, sizes, inputs, targets, decay, slope))
+            rprop(trained, slope, previous, steps)
+            epoch_done()
+    finally:
+        torch.set_num_threads(threads)
+    rms = torch.sqrt(torch.stack(curve, 1) / patterns)
+    return trained.cpu().numpy().astype(np.float64), rms.cpu().numpy().astype(np.float64)
