@@ -65,8 +65,11 @@ def main(arguments: Sequence[str] | None = None) -> int:
     except ModuleNotFoundError as error:
         remedy = REMEDIES.get((error.name or '').partition('.')[0], 'is the installation whole?')
         return _fail(verb, f'needs the module {error.name}: {remedy}', 2)
-    except (UserError, OSError) as error:
+    except UserError as error:
         return _fail(verb, str(error), 2)
+    except OSError as error:
+        what = f'{error.filename}: {error.strerror}' if error.filename else str(error)
+        return _fail(verb, what, 2)
     except KeyboardInterrupt:
         return _fail(verb, 'interrupted', 130)
 

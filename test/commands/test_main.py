@@ -62,7 +62,7 @@ def test_without_json_a_person_reads(verb, capsys):
 @pytest.mark.parametrize(('error', 'status', 'line'), [
     (UserError('bag x holds\n nothing'), 2, 'hydro-twin replay: bag x holds nothing\n'),
     (FileNotFoundError(2, 'No such file or directory', 'x'), 2,
-     "hydro-twin replay: [Errno 2] No such file or directory: 'x'\n"),
+     'hydro-twin replay: x: No such file or directory\n'),
     (ModuleNotFoundError("No module named 'torch'", name='torch'), 2,
      "hydro-twin replay: needs the module torch: install 'hydro_twin[learn]'\n"),
     (KeyboardInterrupt(), 130, 'hydro-twin replay: interrupted\n'),
