@@ -93,10 +93,10 @@ class FreeRun:
         self.inputs[self.k] = inputs
         if self.k == 0:
             self.x[:] = s.start(inputs, _first(measured))
-            y = kernel.output(s.O, s.table, s.p, s.shift, self.x, self.z, self.work, self.inputs,
+            y = kernel.output(s.O, s.table, s.active, s.p, s.shift, self.x, self.z, self.work, self.inputs,
                               0)
         else:
-            y = kernel.advance(s.M, s.O, s.table, s.p, s.shift, s.held, s.substeps,
+            y = kernel.advance(s.M, s.O, s.table, s.active, s.p, s.shift, s.held, s.substeps,
                                s.sample_time, self.x, self.z, self.work, self.inputs, self.k)
         return y if abs(y) < kernel.LIMIT else math.nan
 

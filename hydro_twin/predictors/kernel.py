@@ -8,8 +8,9 @@ effects the step is exact at any length.
 Everything a step needs is in a few plain arrays, see `System` in system.py:
     M (n, n + 2m + 2P): x, inputs at begin and end, what effects add at begin and end -> next x
     O (P + S, n + m + P): x, inputs, what effects add -> values of the ports, then their signals
-    table (K, 9): for each effect its code, port, two signal rows, and where its parameters and
-        memory begin and end, and whether it is implicit
+    table (K, 9): for each effect its code, port, two signal rows (-1: none), where its parameters
+        and its memory begin and end, and whether it is implicit
+    active (Q,): the ports with effects that are not implicit
 """
 from __future__ import annotations
 
@@ -55,7 +56,7 @@ def interpolated(inputs, j, k, time):  # type: ignore[no-untyped-def]
 
 
 @compiled
-def observe(O, row, x, u, d):  # type: ignore[no-untyped-def]
+def observe(O, row, x, u, d, active):  # type: ignore[no-untyped-def]
     """One row of O: the value of a port, or a signal."""
     n, m = len(x), len(u)
     value = 0.0
@@ -63,31 +64,35 @@ def observe(O, row, x, u, d):  # type: ignore[no-untyped-def]
         value += O[row, i] * x[i]
     for i in range(m):
         value += O[row, n + i] * u[i]
-    for i in range(len(d)):
+    for i in active:
         value += O[row, n + m + i] * d[i]
     return value
 
 
 @compiled
-def add_effects(O, table, p, x, u, z, h, s, z_next, d):  # type: ignore[no-untyped-def]
+def add_effects(O, table, active, p, x, u, z, h, s, z_next, d):  # type: ignore[no-untyped-def]
     """What the explicit effects add to the value of each port, into d; along the table's order."""
-    d[:] = 0.0
-    z_next[:] = z
+    for i in active:
+        d[i] = 0.0
+    for i in range(len(z)):
+        z_next[i] = z[i]
     for e in range(len(table)):
-        t = table[e]
-        if t[IMPLICIT]:
+        if table[e, IMPLICIT]:
             continue
-        port = t[PORT]
-        before = observe(O, port, x, u, d) + d[port]
-        s[0] = observe(O, t[SIGNAL_0], x, u, d)
-        s[1] = observe(O, t[SIGNAL_1], x, u, d)
-        after = apply(t[CODE], before, s, p[t[P_BEGIN]:t[P_END]], z[t[Z_BEGIN]:t[Z_END]], h, 0.0,
-                      z_next[t[Z_BEGIN]:t[Z_END]])
+        port = table[e, PORT]
+        before = observe(O, port, x, u, d, active) + d[port]
+        if table[e, SIGNAL_0] >= 0:
+            s[0] = observe(O, table[e, SIGNAL_0], x, u, d, active)
+        if table[e, SIGNAL_1] >= 0:
+            s[1] = observe(O, table[e, SIGNAL_1], x, u, d, active)
+        after = apply(table[e, CODE], before, s, p[table[e, P_BEGIN]:table[e, P_END]],
+                      z[table[e, Z_BEGIN]:table[e, Z_END]], h, 0.0,
+                      z_next[table[e, Z_BEGIN]:table[e, Z_END]])
         d[port] += after - before
 
 
 @compiled
-def advance(M, O, table, p, shift, held, substeps, sample_time, x, z, work, inputs, k):  # type: ignore[no-untyped-def]
+def advance(M, O, table, active, p, shift, held, substeps, sample_time, x, z, work, inputs, k):  # type: ignore[no-untyped-def]
     """Step x and z in place from sample k-1 to sample k of the inputs; returns the output at k.
 
     Args:
@@ -97,13 +102,20 @@ def advance(M, O, table, p, shift, held, substeps, sample_time, x, z, work, inpu
     n, m = len(x), len(shift)
     P = O.shape[1] - n - m
     begin, end, linear, ahead = work[0, :m], work[1, :m], work[2, :n], work[3, :n]
-    d0, d1, z_next, s = work[4, :P], work[5, :P], work[6, :len(z)], work[7, :2]
+    d0, d1, z_next, s = work[4, :P], work[5, :P], work[6, :len(z)], work[7]
     h = sample_time / substeps
     for step in range(substeps):
         for j in range(m):
-            begin[j], end[j] = input_between(
-                inputs, j, held[j], k, step / substeps - shift[j],
-                (step + 1) / substeps - shift[j])
+            now = inputs[k - 1, j]
+            if shift[j] != 0.0:
+                begin[j], end[j] = input_between(
+                    inputs, j, held[j], k, step / substeps - shift[j],
+                    (step + 1) / substeps - shift[j])
+            elif held[j]:
+                begin[j], end[j] = now, now
+            else:
+                slope = (inputs[k, j] - now) / substeps
+                begin[j], end[j] = now + step * slope, now + (step + 1) * slope
         for i in range(n):
             value = 0.0
             for j in range(n):
@@ -113,50 +125,54 @@ def advance(M, O, table, p, shift, held, substeps, sample_time, x, z, work, inpu
             linear[i] = value
         if len(table) > 0:
             at = n + 2 * m
-            add_effects(O, table, p, x, begin, z, 0.0, s, z_next, d0)
+            add_effects(O, table, active, p, x, begin, z, 0.0, s, z_next, d0)
             for i in range(n):
                 value = linear[i]
-                for j in range(P):
+                for j in active:
                     value += (M[i, at + j] + M[i, at + P + j]) * d0[j]
                 ahead[i] = value
-            add_effects(O, table, p, ahead, end, z, h, s, z_next, d1)
+            add_effects(O, table, active, p, ahead, end, z, h, s, z_next, d1)
             for i in range(n):
-                for j in range(P):
+                for j in active:
                     linear[i] += M[i, at + j] * d0[j] + M[i, at + P + j] * d1[j]
             for e in range(len(table)):
-                t = table[e]
-                if not t[IMPLICIT]:
+                if not table[e, IMPLICIT]:
                     continue
-                port = t[PORT]
+                port = table[e, PORT]
                 compliance = 0.0
                 for i in range(n):
-                    compliance += O[t[SIGNAL_0], i] * (M[i, at + port] + M[i, at + P + port])
-                s[0] = observe(O, t[SIGNAL_0], linear, end, d1)
-                s[1] = observe(O, t[SIGNAL_1], linear, end, d1)
-                added = apply(t[CODE], 0.0, s, p[t[P_BEGIN]:t[P_END]],
-                              z[t[Z_BEGIN]:t[Z_END]], h, compliance,
-                              z_next[t[Z_BEGIN]:t[Z_END]])
+                    compliance += O[table[e, SIGNAL_0], i] * (
+                        M[i, at + port] + M[i, at + P + port])
+                s[0] = observe(O, table[e, SIGNAL_0], linear, end, d1, active)
+                added = apply(table[e, CODE], 0.0, s, p[table[e, P_BEGIN]:table[e, P_END]],
+                              z[table[e, Z_BEGIN]:table[e, Z_END]], h, compliance,
+                              z_next[table[e, Z_BEGIN]:table[e, Z_END]])
                 for i in range(n):
                     linear[i] += (M[i, at + port] + M[i, at + P + port]) * added
-            z[:] = z_next
-        x[:] = linear
-    return output(O, table, p, shift, x, z, work, inputs, k)
+            for i in range(len(z)):
+                z[i] = z_next[i]
+        for i in range(n):
+            x[i] = linear[i]
+    return output(O, table, active, p, shift, x, z, work, inputs, k)
 
 
 @compiled
-def output(O, table, p, shift, x, z, work, inputs, k):  # type: ignore[no-untyped-def]
+def output(O, table, active, p, shift, x, z, work, inputs, k):  # type: ignore[no-untyped-def]
     """The value of the last port at sample k; leaves inputs in work[1], what effects add in [5]."""
     m = len(shift)
     P = O.shape[1] - len(x) - m
     u, d = work[1, :m], work[5, :P]
     for j in range(m):
-        u[j] = interpolated(inputs, j, k, 1.0 - max(shift[j], 0.0))
-    add_effects(O, table, p, x, u, z, 0.0, work[7, :2], work[6, :len(z)], d)
-    return observe(O, P - 1, x, u, d) + d[P - 1]
+        u[j] = inputs[k, j]
+        if shift[j] > 0.0:
+            u[j] = interpolated(inputs, j, k, 1.0 - shift[j])
+    if len(active) > 0:
+        add_effects(O, table, active, p, x, u, z, 0.0, work[7], work[6, :len(z)], d)
+    return observe(O, P - 1, x, u, d, active) + d[P - 1]
 
 
 @compiled
-def run(M, O, table, p, shift, held, substeps, sample_time, x, z, work, inputs, y, seen):  # type: ignore[no-untyped-def]
+def run(M, O, table, active, p, shift, held, substeps, sample_time, x, z, work, inputs, y, seen):  # type: ignore[no-untyped-def]
     """Fill y with the output at each sample of the inputs (N, m), from state x and memory z.
 
     Where `seen` (N, P + S) is not empty it gets the values of ports and signals. A run that
@@ -164,9 +180,9 @@ def run(M, O, table, p, shift, held, substeps, sample_time, x, z, work, inputs, 
     """
     for k in range(len(inputs)):
         if k == 0:
-            y[k] = output(O, table, p, shift, x, z, work, inputs, k)
+            y[k] = output(O, table, active, p, shift, x, z, work, inputs, k)
         else:
-            y[k] = advance(M, O, table, p, shift, held, substeps, sample_time, x, z, work,
+            y[k] = advance(M, O, table, active, p, shift, held, substeps, sample_time, x, z, work,
                            inputs, k)
         if not abs(y[k]) < LIMIT:
             y[k:] = float('nan')
@@ -174,7 +190,7 @@ def run(M, O, table, p, shift, held, substeps, sample_time, x, z, work, inputs, 
         if len(seen) > 0:
             u, d = work[1, :len(shift)], work[5, :O.shape[1] - len(x) - len(shift)]
             for row in range(len(O)):
-                seen[k, row] = observe(O, row, x, u, d)
+                seen[k, row] = observe(O, row, x, u, d, active)
                 if row < len(d):
                     seen[k, row] += d[row]
 

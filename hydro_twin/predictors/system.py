@@ -30,6 +30,7 @@ class System:
     M: FloatArray
     O: FloatArray
     table: IntArray
+    active: IntArray
     p: FloatArray
     shift: FloatArray
     held: npt.NDArray[np.bool_]
@@ -57,7 +58,7 @@ class System:
             seen: (N, ports + signals) to be filled with what passes at the ports, or None.
         """
         y = np.empty(len(inputs))
-        kernel.run(self.M, self.O, self.table, self.p, self.shift, self.held, self.substeps,
+        kernel.run(self.M, self.O, self.table, self.active, self.p, self.shift, self.held, self.substeps,
                    self.sample_time, x.copy(), np.zeros(self.memory), self.work(), inputs, y,
                    np.empty((0, 0)) if seen is None else seen)
         return y
@@ -101,10 +102,12 @@ def assemble(plant: Plant, values: Mapping[str, float], effects: Sequence[Placed
         if placed.effect.shifts:
             late = late + np.where(held | (placed.effect.shifts == 'all'),
                                    placed.values[0] / T, 0.0)
-    table, p, memory = [], [], 0
+    table: list[list[int]] = []
+    p: list[float] = []
+    memory = 0
     for placed in at_port:
         signals = [_signal_row(plant, placed, name) for name in placed.effect.reads]
-        signals = (signals + [0, 0])[:2]
+        signals = [*signals, -1, -1][:2]
         kept = placed.effect.memory
         table.append([EFFECTS.index(placed.effect), plant.ports.index(placed.port), *signals,
                       len(p), len(p) + len(placed.values), memory, memory + kept,
@@ -112,12 +115,15 @@ def assemble(plant: Plant, values: Mapping[str, float], effects: Sequence[Placed
         p.extend(placed.values)
         memory += kept
     steps = substeps if table else 1
+    active = sorted({plant.ports.index(placed.port) for placed in at_port
+                     if not placed.effect.implicit})
     return System(
         plant=plant, laws=laws, M=discretise(laws, T / steps),
         O=np.ascontiguousarray(np.vstack([
             np.hstack([laws.port_x, laws.port_u, laws.port_d]),
             np.hstack([laws.signal_x, laws.signal_u, laws.signal_d])])),
-        table=np.array(table, dtype=np.int64).reshape(-1, 9), p=np.array(p, dtype=np.float64),
+        table=np.array(table, dtype=np.int64).reshape(-1, 9),
+        active=np.array(active, dtype=np.int64), p=np.array(p, dtype=np.float64),
         shift=late, held=held, substeps=steps, sample_time=T, memory=memory)
 
 
