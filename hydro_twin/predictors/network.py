@@ -43,7 +43,8 @@ def forward(sizes, weights, shift, scale, output_scale, regressors, layers):  # 
     for layer in range(len(sizes) - 1):
         rows, columns = sizes[layer], sizes[layer + 1]
         bias = begin + rows * columns
-        there[:columns] = weights[bias:bias + columns]
+        for j in range(columns):
+            there[j] = weights[bias + j]
         for i in range(rows):
             value, row = here[i], weights[begin + i * columns:begin + (i + 1) * columns]
             for j in range(columns):
@@ -57,12 +58,10 @@ def forward(sizes, weights, shift, scale, output_scale, regressors, layers):  # 
 
 
 @compiled
-def forward_all(sizes, weights, shift, scale, output_scale, regressors, layers):  # type: ignore[no-untyped-def]
-    """Compute `forward` for every row of regressors, shape (N, R)."""
-    outputs = np.empty(len(regressors))
+def forward_all(sizes, weights, shift, scale, output_scale, regressors, layers, outputs):  # type: ignore[no-untyped-def]
+    """Compute `forward` for every row of regressors, shape (N, R), into outputs, shape (N,)."""
     for k in range(len(regressors)):
         outputs[k] = forward(sizes, weights, shift, scale, output_scale, regressors[k], layers)
-    return outputs
 
 
 @dataclass(frozen=True, eq=False)
@@ -117,10 +116,10 @@ class Network:
 
     def __call__(self, regressors: FloatArray) -> FloatArray:
         """Predict every row of regressors, shape (N, R) -> (N,), in the plant's units."""
-        result: FloatArray = forward_all(
-            self.sizes, self.weights, self.shift, self.scale, self.output_scale,
-            np.ascontiguousarray(regressors), self.scratch())
-        return result
+        outputs = np.empty(len(regressors))
+        forward_all(self.sizes, self.weights, self.shift, self.scale, self.output_scale,
+                    np.ascontiguousarray(regressors), self.scratch(), outputs)
+        return outputs
 
 
 def save_network(network: Network, path: Path) -> None:
