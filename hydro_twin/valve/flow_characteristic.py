@@ -13,6 +13,7 @@ from scipy.optimize import brentq
 
 from hydro_twin.errors import DataError
 from hydro_twin.recording.series import FloatArray
+from hydro_twin.share import share_folder
 
 RIGHT = 'expected a header and then rows of opening, flow'
 
@@ -81,6 +82,11 @@ def read_characteristic(path: Path) -> FlowCharacteristic:
         raise DataError(f'{path}: the flow of a turbine valve saturates with the opening, here '
                         f'the first column saturates with the second: swapped? {RIGHT}')
     return FlowCharacteristic(opening, flow)
+
+
+def default_characteristic() -> FlowCharacteristic:
+    """Read the curve that comes with the package: typical of a turbine valve, of no plant."""
+    return read_characteristic(share_folder() / 'config' / 'flow_characteristic.csv')
 
 
 def _read_table(path: Path) -> tuple[list[str], FloatArray]:

@@ -5,7 +5,7 @@ Run it as `python -m hydro_twin.valve.frequency_control [BAG] -o DIR`.
 from __future__ import annotations
 
 import argparse
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 import json
 from pathlib import Path
@@ -19,16 +19,12 @@ from hydro_twin.errors import UserError
 from hydro_twin.predictors.analytical import Analytical
 from hydro_twin.recording.read import read_recording
 from hydro_twin.recording.series import FloatArray
-from hydro_twin.recording.signals import load_parameters, load_signals, number
-from hydro_twin.share import share_folder
-from hydro_twin.valve import power_control, turbine
+from hydro_twin.recording.signals import load_signals
 from hydro_twin.valve.closed_loop import agreement, Run, run_loop
-from hydro_twin.valve.flow_characteristic import read_characteristic
+from hydro_twin.valve.event import CONSTANTS, LOAD, load_loop_constants, simulated_frequency
+from hydro_twin.valve.flow_characteristic import default_characteristic, read_characteristic
+from hydro_twin.valve.power_control import power_asked
 from hydro_twin.valve.servo_model import published, read_servo, with_limit
-
-CONSTANTS = (*power_control.CONSTANTS, *turbine.CONSTANTS)
-LOAD = 0.97             # of nominal, in the event that is simulated without a bag
-EVENT = ((0.0, 0.0), (5.0, 0.0), (8.0, -0.2), (90.0, -0.2))     # time [s], deviation [Hz]
 
 
 @dataclass(frozen=True)
@@ -89,8 +85,7 @@ def compare(bag: Path | None, folder: Path, model: Path | None = None, curve: Pa
     Raises:
         UserError: a file cannot be read or used.
     """
-    characteristic = read_characteristic(
-        curve or share_folder() / 'config' / 'flow_characteristic.csv')
+    characteristic = read_characteristic(curve) if curve else default_characteristic()
     constants = load_loop_constants(config)
     nonlinear = with_limit(read_servo(model) if model else published(), characteristic)
     servos = {'linear': Analytical(replace(nonlinear, effects=())),
@@ -98,8 +93,7 @@ def compare(bag: Path | None, folder: Path, model: Path | None = None, curve: Pa
     T = nonlinear.sample_time
     measured = _read(bag, config, T) if bag else None
     frequency = measured.frequency if measured else simulated_frequency(constants['f_n'], T)
-    load = LOAD if measured is None else (
-        float(measured.power[0]) - power_control.power_asked(float(frequency[0]), 0.0, constants))
+    load = _load(measured, T, constants) if measured else LOAD
     runs = {}
     with progress('simulating', len(servos)) as done:
         for name, servo in servos.items():
@@ -124,33 +118,6 @@ def compare(bag: Path | None, folder: Path, model: Path | None = None, curve: Pa
     return result
 
 
-def load_loop_constants(config: Path | None = None) -> dict[str, float]:
-    """Load the constants of controller and turbine.
-
-    Raises:
-        UserError: the file cannot be read, or a constant is unknown or not a number.
-    """
-    values = {constant.name: constant.value for constant in CONSTANTS}
-    path = config or share_folder() / 'config' / 'frequency_control.yaml'
-    for key, value in load_parameters(path).items():
-        root, _, name = key.partition('.')
-        if root != 'constants':
-            continue
-        if name not in values:
-            raise UserError(f'{path}: no constant {name!r}; there are {", ".join(values)}')
-        values[name] = number(value, f'{path}: {key}')
-        if values[name] < 0 or (values[name] == 0 and not name.startswith(('K_', 'dead'))):
-            raise UserError(f'{path}: {key} = {values[name]:g} must be above zero')
-    return values
-
-
-def simulated_frequency(f_n: float, sample_time: float) -> FloatArray:
-    """Make the course of frequency of an event: at rest, a fall of 0.2 Hz in 3 s, and after."""
-    times, deviations = np.transpose(EVENT)
-    deviation = np.interp(np.arange(0, times[-1], sample_time), times, deviations)
-    return np.asarray(f_n + deviation)
-
-
 def _read(bag: Path, config: Path | None, sample_time: float) -> Measured:
     """Read the longest stretch of a recording."""
     names = ('frequency', 'power', 'opening')
@@ -158,6 +125,13 @@ def _read(bag: Path, config: Path | None, sample_time: float) -> Measured:
                                sample_time)
     series = max(recording.series, key=len)
     return Measured(series['frequency'], series['opening'], series['power'])
+
+
+def _load(measured: Measured, sample_time: float, constants: Mapping[str, float]) -> float:
+    """Take the power over the first second, at rest, less what droop adds, as the load."""
+    second = slice(round(1 / sample_time))
+    frequency = float(measured.frequency[second].mean())
+    return float(measured.power[second].mean()) - power_asked(frequency, 0.0, constants)
 
 
 def _draw(frequency: FloatArray, sample_time: float, measured: Measured | None,

@@ -8,21 +8,20 @@ from scipy.integrate import solve_ivp
 
 from hydro_twin.errors import DataError
 from hydro_twin.predictors.analytical import Analytical
-from hydro_twin.share import share_folder
-from hydro_twin.valve import power_control, turbine
 from hydro_twin.valve.closed_loop import agreement, run_loop
-from hydro_twin.valve.flow_characteristic import FlowCharacteristic, read_characteristic
+from hydro_twin.valve.event import CONSTANTS
+from hydro_twin.valve.flow_characteristic import default_characteristic, FlowCharacteristic
 from hydro_twin.valve.linear_loop import PUBLISHED
 from hydro_twin.valve.power_control import power_asked
 from hydro_twin.valve.servo_model import published, with_limit
 
-V = {c.name: c.value for c in (*power_control.CONSTANTS, *turbine.CONSTANTS)}
+V = {constant.name: constant.value for constant in CONSTANTS}
 T = 0.002
 
 
 @pytest.fixture
 def curve() -> FlowCharacteristic:
-    return read_characteristic(share_folder() / 'config' / 'flow_characteristic.csv')
+    return default_characteristic()
 
 
 def test_rest_stays_rest(curve: FlowCharacteristic) -> None:

@@ -5,14 +5,14 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from hydro_twin.valve import frequency_control
-from hydro_twin.valve.frequency_control import load_loop_constants, main
+from hydro_twin.valve import event
+from hydro_twin.valve.frequency_control import main
 
 
 def test_without_a_bag_the_linear_servo_overshoots_the_limit(
         tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str],
 ) -> None:
-    monkeypatch.setattr(frequency_control, 'EVENT', ((0, 0.0), (1, 0.0), (2, -1.0), (25, -1.0)))
+    monkeypatch.setattr(event, 'EVENT', ((0, 0.0), (1, 0.0), (2, -1.0), (25, -1.0)))
     assert main(['-o', str(tmp_path / 'out')]) == 0
     printed = json.loads(capsys.readouterr().out)
     assert json.loads((tmp_path / 'out' / 'comparison.json').read_text()) == printed
@@ -23,8 +23,8 @@ def test_without_a_bag_the_linear_servo_overshoots_the_limit(
 
 
 def test_the_file_of_constants_repeats_the_defaults() -> None:
-    defaults = {constant.name: constant.value for constant in frequency_control.CONSTANTS}
-    assert load_loop_constants() == defaults
+    defaults = {constant.name: constant.value for constant in event.CONSTANTS}
+    assert event.load_loop_constants() == defaults
 
 
 @pytest.mark.parametrize(('line', 'says'), [
@@ -50,7 +50,7 @@ def test_a_bag_that_is_not_there_is_refused(
 
 
 def test_the_event_falls_as_said() -> None:
-    course = frequency_control.simulated_frequency(50.0, 0.01)
+    course = event.simulated_frequency(50.0, 0.01)
     assert course[0] == 50.0
     assert course[-1] == pytest.approx(49.8)
     assert np.all(np.diff(course) <= 0)
