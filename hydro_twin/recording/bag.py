@@ -137,7 +137,8 @@ def _damage(path: Path, error: Exception) -> str:
             count, seconds = mcap.readable(file)
             return (f'{file} is cut short (was its recorder killed?): {count} messages over '
                     f"{seconds:.1f} s can still be read; 'mcap recover {file}' saves them")
-    return f'{path} is damaged or not a rosbag2 bag: {error or type(error).__name__}'
+    said = ' '.join(str(error).split())[:200] or type(error).__name__
+    return f'{path} is damaged or not a rosbag2 bag: {said}'
 
 
 def _find_topics(path: Path, reader: Any, signals: Mapping[str, SignalMap],
