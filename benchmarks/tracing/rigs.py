@@ -1,7 +1,7 @@
 """Random load simulators and the recordings made on them, each reproducible from its seed."""
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -127,6 +127,7 @@ def make_rig(
     effects: Sequence[str] = (),
     excitation: str = 'b19',
     snr_db: float = 46.0,
+    left_out: Collection[str] = (),
 ) -> Rig:
     """Draw a rig and record it.
 
@@ -139,6 +140,7 @@ def make_rig(
         effects: ids, of EFFECTS, VARIED or OUTSIDE in lacking.py by the kind; two for 'pair'.
         excitation: one of EXCITATIONS.
         snr_db: rms of T_g over rms of its noise [dB].
+        left_out: effects drawn like the others, but not built in.
     """
     streams = np.random.SeedSequence(seed).spawn(4)
     of_laws, of_drive, of_effects, of_noise = map(np.random.default_rng, streams)
@@ -148,7 +150,8 @@ def make_rig(
     drive, running = _draw_drive(linear, excitation, of_drive)
     drawn_from = 'single' if kind == 'pair' else kind
     scales = _scales(drive.torques(linear, Command(), 20), linear)
-    built = tuple(draw(drawn_from, effect, scales, of_effects) for effect in effects)
+    drawn = [draw(drawn_from, effect, scales, of_effects) for effect in effects]
+    built = tuple(b for b in drawn if b.id not in left_out)
     laws, then, sensor = (_with(part, built) for part in (linear, Command(), Sensor()))
     drive = _within_limit(drive, laws, then)
     found = drive.torques(laws, then, SUBSTEPS)

@@ -1,0 +1,93 @@
+"""Trace many rigs and write what came out, one JSON line a rig; resumes where it stopped.
+
+python -m benchmarks.tracing.run -o out/tracing.jsonl
+python -m benchmarks.tracing.run -o out/held_out.jsonl --seeds held_out --count 200
+"""
+from __future__ import annotations
+
+import argparse
+from collections.abc import Iterator
+from concurrent.futures import as_completed, ProcessPoolExecutor
+import json
+from pathlib import Path
+import time
+import traceback
+from typing import Any
+
+from rich.console import Console
+from rich.progress import Progress
+
+from benchmarks.tracing.cases import Case, case_of, cases, FIRST_SEED, KINDS
+from benchmarks.tracing.figures import read, report
+from benchmarks.tracing.linear_fit import shows
+
+
+def main() -> None:
+    """Trace the cases that the file lacks, then print the figures of all in it."""
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument('-o', '--output', type=Path, required=True, help='JSON lines file')
+    parser.add_argument('--seeds', choices=FIRST_SEED, default='development',
+                        help='nobody tunes on the held-out ones')
+    parser.add_argument('--kinds', nargs='+', choices=KINDS, default=KINDS)
+    parser.add_argument('--count', type=int, default=52, help='cases of each kind')
+    parser.add_argument('--seed', type=int, nargs='+', help='these seeds only')
+    parser.add_argument('--workers', type=int, default=2)
+    arguments = parser.parse_args()
+    if arguments.seed:
+        wanted = [case_of(seed) for seed in arguments.seed]
+    else:
+        wanted = [case for kind in arguments.kinds
+                  for case in cases(arguments.seeds, kind, arguments.count)]
+    arguments.output.parent.mkdir(parents=True, exist_ok=True)
+    known = read(arguments.output)
+    seeds = {line['seed'] for line in known}
+    missing = [case for case in wanted if case.seed not in seeds]
+    with arguments.output.open('w') as file:    # anew: an interrupt may have cut its last line
+        file.writelines(json.dumps(line) + '\n' for line in known)
+        for line in traced(missing, arguments.workers):
+            file.write(json.dumps(line) + '\n')
+            file.flush()
+    print(report(read(arguments.output)))
+
+
+def traced(wanted: list[Case], workers: int) -> Iterator[dict[str, Any]]:
+    """Trace the cases in that many processes, in whatever order they finish."""
+    with ProcessPoolExecutor(workers) as pool, \
+            Progress(console=Console(stderr=True)) as progress:
+        task = progress.add_task('tracing', total=len(wanted))
+        try:
+            for done in as_completed([pool.submit(trace_case, case) for case in wanted]):
+                progress.advance(task)
+                yield done.result()
+        finally:    # an interrupt must not wait for all the others
+            pool.shutdown(cancel_futures=True)
+
+
+def trace_case(case: Case) -> dict[str, Any]:
+    """Return the truth, what the tracer said ('report' or 'failure') and how long it took."""
+    from hydro_twin.residual.trace import trace
+
+    from hydro_twin.plants.load_simulator import LOAD_SIMULATOR
+
+    rig = case.rig()
+    alone = {}
+    if case.kind == 'pair':
+        one, other = case.effects
+        alone = {one: shows(case.rig(left_out=(other,))), other: shows(case.rig(left_out=(one,)))}
+    line: dict[str, Any] = {
+        'seed': case.seed, 'kind': case.kind, 'effects': case.effects, 'snr_db': case.snr_db,
+        'excitation': case.excitation, 'truth': rig.truth.summary(), 'shows': shows(rig),
+        'shows_alone': alone,
+    }
+    begin = time.perf_counter()
+    try:
+        found = trace(rig.recording(), LOAD_SIMULATOR, seed=0).report
+        line['report'] = {name: part for name, part in found.items() if name != 'series'}
+    except Exception:    # a rig that breaks the tracer is a result, and the others go on
+        line['failure'] = traceback.format_exc()
+    line['seconds'] = time.perf_counter() - begin
+    return line
+
+
+if __name__ == '__main__':
+    main()
