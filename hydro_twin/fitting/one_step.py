@@ -18,7 +18,7 @@ Coefficients = Callable[[npt.NDArray[Any]], npt.NDArray[Any]]
 
 SCREENED, STARTS = 1024, 12
 COMPLEX_STEP = 1e-30
-PRECISION = 1e-15       # least squares ends where rounding does
+PRECISION = 1e-12       # of the squared error: far below what a population could still gain
 AT_BOUND = 1e-6         # of the logarithmic width of the box
 PIECE = 65536           # rows judged at once: longer than any memory of the residual
 

@@ -125,11 +125,11 @@ def regression(
     low, high = np.full(len(columns), np.inf), np.full(len(columns), -np.inf)
     for series in stretches:
         for i, name in enumerate(columns):
-            if not np.isfinite(series[name]).all():
+            low[i] = np.minimum(low[i], series[name].min(initial=np.inf))   # keeps a NaN
+            high[i] = np.maximum(high[i], series[name].max(initial=-np.inf))
+            if len(series) and not np.isfinite((low[i], high[i])).all():
                 raise DataError(f'{series.source or "recording"}: {name} has samples that are '
                                 'not finite; remove or fill them first')
-            low[i] = min(low[i], series[name].min(initial=np.inf))
-            high[i] = max(high[i], series[name].max(initial=-np.inf))
         if (patterns := len(series) - order - 1) > 0:
             R = triangle(regressors(series, output, inputs, order))
             part = Regression(R, patterns)

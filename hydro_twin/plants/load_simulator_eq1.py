@@ -1,6 +1,7 @@
 """The difference equation of the load simulator, for whole populations of parameters at once."""
 from __future__ import annotations
 
+from functools import cache
 from typing import Any
 
 import numpy as np
@@ -9,6 +10,7 @@ import numpy.typing as npt
 ORDER = 4
 
 
+@cache
 def bilinear(order: int, sample_time: float) -> npt.NDArray[np.float64]:
     """Powers of s under the bilinear transform s = (2/T) (1 - q) / (1 + q), q = z^-1.
 

@@ -1,0 +1,1 @@
+"""Fitting: physical parameters and networks from recordings."""
