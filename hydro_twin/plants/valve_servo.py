@@ -73,5 +73,6 @@ VALVE_SERVO = Plant(
         Port('sensor', 'sensor', '1', 'opening as measured'),
     ),
     laws=laws,
+    combinations=({'T_c': 1, 'k_1': -1},),      # Y/U holds them only as T_c / k_1
     at_rest=('a', 'y'),
 )
