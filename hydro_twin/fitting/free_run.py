@@ -1,0 +1,370 @@
+"""Fit of a plant with effects to recordings, by the error of its free run."""
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Mapping, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+from scipy.linalg import expm
+from scipy.optimize import least_squares
+
+from hydro_twin.effects import Placed
+from hydro_twin.errors import DataError
+from hydro_twin.fitting.identifiability import Identifiability, assess
+from hydro_twin.plants import Plant
+from hydro_twin.plants.plant import FloatArray
+from hydro_twin.predictors.system import System, assemble
+from hydro_twin.recording.series import Recording
+
+START = 50              # samples at the begin of a part that set its state, and are not scored
+PRIOR = 1e-4            # weight of the box's middle, as a share of the output: see `Problem`
+THREADS = 2
+
+
+@dataclass(frozen=True)
+class Part:
+    """An uninterrupted stretch that a run covers: inputs (N, m), output measured (N,)."""
+
+    inputs: FloatArray
+    measured: FloatArray
+
+
+def parts_of(recording: Recording, plant: Plant) -> list[Part]:
+    """Stack the columns of each series that is long enough to start a run and score it.
+
+    Raises:
+        DataError: no series is long enough, or the output never moves, or is not finite.
+    """
+    parts = [
+        Part(np.column_stack([series[signal.name] for signal in plant.inputs]),
+             np.ascontiguousarray(series[plant.output.name]))
+        for series in recording.series if len(series) >= 2 * START]
+    if not parts:
+        longest = max((len(series) for series in recording.series), default=0)
+        raise DataError(f'no series is long enough: the longest has {longest} samples, '
+                        f'{2 * START} are needed')
+    if not all(np.isfinite(part.inputs).all() and np.isfinite(part.measured).all()
+               for part in parts):
+        raise DataError('the recording holds values that are not finite')
+    if all(np.ptp(part.measured) == 0.0 for part in parts):
+        raise DataError(f'{plant.output.name} never moves in the recording')
+    return parts
+
+
+@dataclass(frozen=True)
+class Candidate:
+    """Values for everything a run needs.
+
+    Attributes:
+        values: parameters and constants.
+        timing: how late each input acts [s], by name.
+    """
+
+    plant: Plant
+    values: Mapping[str, float]
+    sample_time: float
+    effects: tuple[Placed, ...] = ()
+    timing: Mapping[str, float] | None = None
+    substeps: int = 4
+
+    @cached_property
+    def system(self) -> System:
+        """What the kernel runs."""
+        return assemble(self.plant, self.values, self.effects, self.sample_time, self.substeps,
+                        self.timing)
+
+    @cached_property
+    def from_start(self) -> tuple[FloatArray, FloatArray]:
+        """Map the residual of the first samples to a correction of the state at the start.
+
+        Returns:
+            (map (n, START), state scale): least squares along the directions in state space that
+            the first samples show.
+        """
+        laws = self.system.laws
+        Phi = expm(laws.A * self.sample_time)
+        response = np.empty((START, len(Phi)))
+        row = laws.C[0]
+        for k in range(START):
+            response[k] = row
+            row = row @ Phi
+        scale = np.linalg.norm(response, axis=0)
+        scale[scale == 0.0] = 1.0
+        return np.linalg.pinv(response / scale, rcond=0.01), scale
+
+    def run(self, part: Part, seen: FloatArray | None = None) -> FloatArray:
+        """Run freely over a part, from the state that its first samples show; (N,)."""
+        system = self.system
+        x = system.start(part.inputs[0], part.measured[0])
+        n = min(START, len(part.measured))
+        first = system.run(part.inputs[:n], x)
+        if n == START and np.isfinite(first).all():
+            solve, scale = self.from_start
+            x = x + solve @ (part.measured[:n] - first) / scale
+        return system.run(part.inputs, x, seen)
+
+    def residual(self, part: Part) -> FloatArray:
+        """Measured less free run over the scored samples of a part, (N - START,)."""
+        return (part.measured - self.run(part))[START:]
+
+
+def rms(values: FloatArray) -> float:
+    """Root of the mean square."""
+    return float(np.sqrt(np.mean(np.square(values)))) if len(values) else math.nan
+
+
+@dataclass(frozen=True)
+class Unknown:
+    """One number that a fit searches, and how it stands in the candidate.
+
+    Attributes:
+        owner: '' for the plant, 'timing', or the index of an effect.
+        scale: of a coordinate that is not logarithmic.
+    """
+
+    name: str
+    owner: str
+    lower: float
+    upper: float
+    log: bool
+    scale: float = 1.0
+
+    def coordinate(self, value: float) -> float:
+        """Map a value to the coordinate of the search."""
+        return math.log(value) if self.log else value / self.scale
+
+    def value(self, coordinate: float) -> float:
+        """Map a coordinate back, kept within the bounds against rounding."""
+        raw = math.exp(coordinate) if self.log else coordinate * self.scale
+        return min(max(raw, self.lower), self.upper)
+
+
+def plant_unknowns(plant: Plant, within: str) -> list[Unknown]:
+    """List the parameters of a plant as unknowns.
+
+    Args:
+        plant: the plant.
+        within: 'box', all of them within the search box; or 'physical', within the physical
+            range, and of each combination that acts only together all but one left where they are.
+    """
+    if within == 'box':
+        return [Unknown(p.name, '', p.lower, p.upper, True) for p in plant.parameters]
+    left = {name for combination in plant.combinations for name in list(combination)[1:]}
+    return [Unknown(p.name, '', p.minimum, p.maximum, True) for p in plant.parameters
+            if p.name not in left]
+
+
+def effect_unknowns(index: int, placed: Placed) -> list[Unknown]:
+    """List the parameters of an effect that are not left out of its law."""
+    unknowns = []
+    largest = max((abs(v) for v in placed.values if math.isfinite(v)), default=1.0)
+    for p, value in zip(placed.effect.parameters, placed.values, strict=True):
+        if p.refinement is not None and value == p.refinement:
+            continue
+        unknowns.append(Unknown(p.name, str(index), p.lower, p.upper, p.log,
+                                abs(value) or largest or 1.0))
+    return unknowns
+
+
+def timing_unknowns(plant: Plant, sample_time: float) -> list[Unknown]:
+    """List how commands stand to their stamps: at most a sample earlier, as unknowns.
+
+    A command that is said to be held may have been interpolated, or set a moment before its
+    stamp; what the stamps cannot tell must not be taken for an effect.
+    """
+    return [Unknown(signal.name, 'timing', -sample_time, 0.0, False, sample_time)
+            for signal in plant.inputs if signal.held]
+
+
+def get(candidate: Candidate, unknown: Unknown) -> float:
+    """Read the value of an unknown."""
+    if unknown.owner == '':
+        return candidate.values[unknown.name]
+    if unknown.owner == 'timing':
+        return (candidate.timing or {}).get(unknown.name, 0.0)
+    return candidate.effects[int(unknown.owner)].named[unknown.name]
+
+
+def put(candidate: Candidate, unknowns: Sequence[Unknown], values: Sequence[float]) -> Candidate:
+    """Set the values of unknowns in a new candidate."""
+    plain = dict(candidate.values)
+    timing = dict(candidate.timing or {})
+    effects = [dict(placed.named) for placed in candidate.effects]
+    for unknown, value in zip(unknowns, values, strict=True):
+        if unknown.owner == '':
+            plain[unknown.name] = value
+        elif unknown.owner == 'timing':
+            timing[unknown.name] = value
+        else:
+            effects[int(unknown.owner)][unknown.name] = value
+    return replace(
+        candidate, values=plain, timing=timing or candidate.timing,
+        effects=tuple(replace(placed, values=tuple(named.values()))
+                      for placed, named in zip(candidate.effects, effects, strict=True)))
+
+
+@dataclass(frozen=True)
+class Fit:
+    """A candidate fitted to parts.
+
+    Attributes:
+        residual: of all parts, one after another, scored samples only.
+        jacobian: its derivative by the coordinates of the unknowns, with the sign of a rise of
+            the output, shape (N, d).
+        lengths: scored samples of each part.
+    """
+
+    candidate: Candidate
+    unknowns: tuple[Unknown, ...]
+    residual: FloatArray
+    jacobian: FloatArray
+    lengths: tuple[int, ...]
+
+    @property
+    def error(self) -> float:
+        """RMS of the residual, in the unit of the output."""
+        return rms(self.residual)
+
+    def at_bound(self) -> list[str]:
+        """Name the unknowns that stopped at an edge of their range."""
+        names = []
+        for unknown in self.unknowns:
+            value = unknown.coordinate(get(self.candidate, unknown))
+            edges = [unknown.coordinate(edge) for edge in (unknown.lower, unknown.upper)
+                     if math.isfinite(edge) and (edge > 0 or not unknown.log)]
+            if any(abs(value - edge) < 1e-6 * max(1.0, abs(edge)) for edge in edges):
+                names.append(label(unknown))
+        return names
+
+    def identifiability(self) -> Identifiability:
+        """Say what the data determine; see `identifiability`."""
+        cuts = np.cumsum(self.lengths)[:-1]
+        stretches = zip(np.split(self.jacobian, cuts), np.split(self.residual, cuts), strict=True)
+        names = [label(unknown) for unknown in self.unknowns]
+        inside = [c for c in self.candidate.plant.combinations if all(name in names for name in c)]
+        return assess(stretches, names, inside, self.at_bound())
+
+
+def label(unknown: Unknown) -> str:
+    """Name an unknown within its fit: parameters plainly, others with their owner."""
+    return unknown.name if unknown.owner == '' else f'{unknown.owner}:{unknown.name}'
+
+
+class Problem:
+    """The search for unknowns on parts, by the residual of the free run.
+
+    A weak pull to the middle of the box (the start, for effects) keeps directions that the data
+    do not determine from running away; it weighs as much as one sample with a ten-thousandth of
+    the output's size.
+    """
+
+    def __init__(self, base: Candidate, unknowns: Sequence[Unknown], parts: Sequence[Part]
+                 ) -> None:
+        self.base = base
+        self.unknowns = tuple(unknowns)
+        self.parts = parts
+        self.size = max(rms(np.concatenate([p.measured - p.measured.mean() for p in parts])),
+                        1e-300)
+        self.lengths = tuple(len(part.measured) - START for part in parts)
+        self.middle = np.array([u.coordinate(self._middle(u)) for u in self.unknowns])
+
+    def _middle(self, unknown: Unknown) -> float:
+        box = {p.name: math.sqrt(p.lower * p.upper) for p in self.base.plant.parameters}
+        return box[unknown.name] if unknown.owner == '' else get(self.base, unknown)
+
+    def candidate(self, coordinates: FloatArray) -> Candidate:
+        """Set the coordinates of the unknowns."""
+        values = [u.value(float(c)) for u, c in zip(self.unknowns, coordinates, strict=True)]
+        return put(self.base, self.unknowns, values)
+
+    def residual(self, coordinates: FloatArray) -> FloatArray:
+        """Residual of all parts, then the pull; a run that diverged counts as very far off."""
+        candidate = self.candidate(coordinates)
+        pieces = [candidate.residual(part) for part in self.parts]
+        pieces.append(PRIOR * self.size * (coordinates - self.middle))
+        whole = np.concatenate(pieces)
+        far = 1e3 * self.size
+        return np.clip(np.nan_to_num(whole, nan=far), -far, far)
+
+    def jacobian(self, coordinates: FloatArray, at: FloatArray | None = None) -> FloatArray:
+        """Differences of the residual by each coordinate, (N + d, d)."""
+        lower, upper = self.bounds()
+        step = np.full(len(coordinates), 1e-5)
+        step[coordinates + step > upper] *= -1.0
+        moved = [coordinates + step[i] * np.eye(len(coordinates))[i]
+                 for i in range(len(coordinates))]
+        here = self.residual(coordinates) if at is None else at
+        columns = [(there - here) / s for there, s in zip(in_parallel(self.residual, moved), step,
+                                                          strict=True)]
+        return np.stack(columns, axis=1)
+
+    def bounds(self) -> tuple[FloatArray, FloatArray]:
+        """Lower and upper bounds of the coordinates."""
+        def edge(unknown: Unknown, value: float) -> float:
+            if unknown.log and value <= 0.0:
+                return -math.inf
+            return unknown.coordinate(value) if math.isfinite(value) else value
+        return (np.array([edge(u, u.lower) for u in self.unknowns]),
+                np.array([edge(u, u.upper) for u in self.unknowns]))
+
+    def solve(self, evaluations: int = 40, tolerance: float = 1e-6) -> Fit:
+        """Search from the base, within the bounds."""
+        lower, upper = self.bounds()
+        start = np.array([u.coordinate(get(self.base, u)) for u in self.unknowns])
+        inside = 1e-9 * np.maximum(1.0, np.abs(start))
+        start = np.clip(start, lower + inside, upper - inside)
+        found = least_squares(self.residual, start, jac=self.jacobian, bounds=(lower, upper),
+                              method='trf', x_scale=1.0, max_nfev=evaluations, ftol=tolerance,
+                              xtol=1e-8, gtol=1e-12)
+        scored = sum(self.lengths)
+        return Fit(self.candidate(found.x), self.unknowns, found.fun[:scored],
+                   -found.jac[:scored], self.lengths)
+
+
+def in_parallel(function: Callable[[FloatArray], FloatArray], arguments: Sequence[FloatArray]
+                ) -> list[FloatArray]:
+    """Call a function for each argument, on threads: the kernel does not hold Python's lock."""
+    with ThreadPoolExecutor(THREADS) as pool:
+        return list(pool.map(function, arguments))
+
+
+def fit_linear(plant: Plant, parts: Sequence[Part], constants: Mapping[str, float],
+               sample_time: float, within: str, timing: bool, seed: int = 0,
+               starts: int = 3) -> Fit:
+    """Fit the plant without effects from several starts; the best is returned.
+
+    The starts are the middle of the box and the best of random draws in it. A residual that
+    effects have bent leads a single start astray.
+
+    Args:
+        plant: the plant.
+        parts: what it is fitted to.
+        constants: of the rig.
+        sample_time: of the parts [s].
+        within: 'box' or 'physical', see `plant_unknowns`.
+        timing: whether commands may act up to a sample before their stamps say.
+        seed: of the draws.
+        starts: how many searches are made.
+    """
+    unknowns = plant_unknowns(plant, within)
+    if timing:
+        unknowns += timing_unknowns(plant, sample_time)
+    rng = np.random.default_rng(seed)
+    middle = {p.name: math.sqrt(p.lower * p.upper) for p in plant.parameters}
+    base = Candidate(plant, {**constants, **middle}, sample_time)
+    draws = [base] + [
+        replace(base, values={**base.values, **{
+            p.name: float(math.exp(rng.uniform(math.log(p.lower), math.log(p.upper))))
+            for p in plant.parameters}})
+        for _ in range(24)]
+    some = [min(parts, key=lambda part: len(part.measured))] if len(parts) > 6 else parts
+
+    def far(candidate: Candidate) -> float:
+        return rms(np.nan_to_num(np.concatenate([candidate.residual(p) for p in some]), nan=1e30))
+
+    tried = [draws[0], *sorted(draws[1:], key=far)[:starts - 1]]
+    fits = [Problem(candidate, unknowns, parts).solve() for candidate in tried]
+    return min(fits, key=lambda fit: fit.error)
