@@ -1,0 +1,158 @@
+"""hydro-twin simulate: a recording made from the physics, with any effects, noise, excitation."""
+from __future__ import annotations
+
+import argparse
+from pathlib import Path
+from typing import Any, TYPE_CHECKING
+
+from hydro_twin.commands.common import (
+    add_rig_arguments, add_seed_argument, assignment, progress, rig_from)
+from hydro_twin.errors import DataError, UserError
+
+if TYPE_CHECKING:
+    from rich.console import Console
+
+    from hydro_twin.effects import Placed
+    from hydro_twin.plants import Plant
+    from hydro_twin.simulation.excitation import Spec
+
+START = 1_000_000_000_000                   # stamp of the first sample [ns]
+PAUSE = 1_000_000_000                       # between two series [ns]
+SHARES = (0.5, 0.2)                         # of a large output: first input, each of the others
+B19 = ('sine:frequency=1', 'sine:frequency=7', 'sine:frequency=9')
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Add the arguments of the verb."""
+    add_rig_arguments(parser)
+    parser.add_argument('-o', '--output', required=True, type=Path, metavar='BAG',
+                        help='the bag to make; must not exist')
+    parser.add_argument('--set', action='append', default=[], type=assignment,
+                        metavar='NAME=VALUE', help='a parameter, as J=0.05; may be repeated '
+                        '(default: the geometric middle of the search box)')
+    parser.add_argument('--effect', action='append', default=[], metavar='ID@PORT:NAME=VALUE,...',
+                        help="what the linear plant lacks, as 'friction@motor:coulomb=10'; "
+                        'may be repeated')
+    parser.add_argument('--excitation', action='append', default=[],
+                        metavar='INPUT=KIND:NAME=VALUE,...',
+                        help="as 'u_m=sine:frequency=7,amplitude=0.3'; kinds are sine, multisine, "
+                        'chirp, steps and random. Repeated for one input, each makes one more '
+                        'series. Default: on the first input sinusoids of 1, 7 and 9 Hz, random '
+                        'motion on the others; an amplitude that suits the linear plant')
+    parser.add_argument('--duration', type=float, default=3.0, metavar='SECONDS',
+                        help='of each series (default: 3)')
+    parser.add_argument('--snr', type=float, metavar='DB',
+                        help='noise on the output: signal to noise ratio of each series')
+    parser.add_argument('--noise', type=float, default=0.0, metavar='RMS',
+                        help='noise on the output, in its unit')
+    parser.add_argument('--quantisation', type=float, default=0.0, metavar='STEP',
+                        help='of the output, in its unit')
+    add_seed_argument(parser)
+
+
+def run(args: argparse.Namespace) -> dict[str, Any]:
+    """Simulate every series, and write the bag; returns the truth, which the bag does not hold."""
+    import numpy as np
+
+    from hydro_twin.model import place
+    from hydro_twin.recording.write import write_recording
+    from hydro_twin.simulation.excitation import make, Run, settings_of
+    from hydro_twin.simulation.sensor import measure
+    from hydro_twin.simulation.simulate import BLOCK, simulate
+
+    rig = rig_from(args)
+    plant = rig.plant
+    if args.output.exists():
+        raise UserError(f'{args.output} exists already: it is not overwritten')
+    if not plant.sample_time * 10 <= args.duration < float('inf'):
+        raise UserError(f'--duration {args.duration:g}: at least ten samples, '
+                        f'{10 * plant.sample_time:g} s')
+    parameters = {p.name: float((p.lower * p.upper) ** 0.5) for p in plant.parameters}
+    parameters |= dict(args.set)
+    plant.check(parameters)
+    effects = []
+    for text in args.effect:
+        head, _, rest = text.partition(':')
+        identifier, _, port = head.partition('@')
+        effects.append(place(identifier, port, settings_of(text, rest), plant))
+    table = _excitations(args.excitation, plant)
+
+    values = {**rig.constants, **parameters}
+    laws = plant.laws(values)
+    rng = np.random.default_rng(args.seed)
+    series, truth, start = [], [], START
+    blocks = len(table) * round(args.duration / plant.sample_time / BLOCK)
+    with progress('simulating', blocks) as tick:
+        for specs in table:
+            inputs = {
+                signal.name: make(spec, Run(args.duration, rng), laws, column,
+                                  SHARES[column > 0] * plant.output_scale, plant.sample_time)
+                for column, (signal, spec) in enumerate(zip(plant.inputs, specs, strict=True))}
+            one = simulate(plant, values, effects, inputs, args.duration, start, tick)
+            if not np.isfinite(one[plant.output.name]).all():
+                raise DataError(f'{plant.name} diverges with these values')
+            noisy, noise = measure(one, plant.output.name, args.snr, args.noise,
+                                   args.quantisation, rng)
+            series.append(noisy)
+            truth.append({
+                'excitation': {signal.name: spec.kind
+                               for signal, spec in zip(plant.inputs, specs, strict=True)},
+                'largest': {name: float(np.abs(one[name]).max()) for name in one.columns},
+                'noise': noise})
+            start += round(len(one) * plant.sample_time * 1e9) + PAUSE
+    write_recording(args.output, series, rig.signals)
+    return {
+        'bag': str(args.output),
+        'plant': plant.name,
+        'sample_time': plant.sample_time,
+        'samples': sum(map(len, series)),
+        'parameters': {p.name: {'value': parameters[p.name], 'unit': p.unit}
+                       for p in plant.parameters},
+        'constants': rig.constants,
+        'effects': [_described(placed) for placed in effects],
+        'series': truth,
+        'seed': args.seed,
+    }
+
+
+def _excitations(texts: list[str], plant: Plant) -> list[list[Spec]]:
+    """Say for every series what drives each input."""
+    from hydro_twin.simulation.excitation import parse
+
+    given: dict[str, list[Spec]] = {signal.name: [] for signal in plant.inputs}
+    for text in texts:
+        name, _, rest = text.partition('=')
+        if name not in given:
+            raise UserError(f'{plant.name} has no input {name!r}; it has {", ".join(given)}')
+        given[name].append(parse(rest))
+    first, *others = given
+    given[first] = given[first] or [parse(text) for text in B19]
+    for name in others:
+        given[name] = given[name] or [parse('random')]
+    count = max(map(len, given.values()))
+    for name, specs in given.items():
+        if len(specs) not in (1, count):
+            raise UserError(f'{len(specs)} excitations for {name} but {count} series: give one '
+                            'for all, or one for each')
+    return [[specs[min(k, len(specs) - 1)] for specs in given.values()] for k in range(count)]
+
+
+def _described(placed: Placed) -> dict[str, Any]:
+    """Lay out an effect as in a report."""
+    return {'id': placed.effect.id, 'port': placed.port.name, 'parameters': {
+        p.name: {'value': value, 'unit': placed.effect.unit(p, placed.port)}
+        for p, value in zip(placed.effect.parameters, placed.values, strict=True)}}
+
+
+def show(result: dict[str, Any], console: Console) -> None:
+    """Print what was made."""
+    console.print(f'{result["bag"]}: {result["samples"]} samples of {result["plant"]} in '
+                  f'{len(result["series"])} series')
+    for effect in result['effects']:
+        values = ', '.join(f'{name} {p["value"]:g} {p["unit"]}'
+                           for name, p in effect['parameters'].items())
+        console.print(f'  with {effect["id"]} at {effect["port"]}: {values}')
+    for one in result['series']:
+        kinds = ', '.join(f'{name} {kind}' for name, kind in one['excitation'].items())
+        reach = ', '.join(f'{name} {value:.4g}' for name, value in one['largest'].items())
+        console.print(f'  {kinds}; largest {reach}; noise {one["noise"]:.3g} RMS')

@@ -1,0 +1,1 @@
+"""Recordings made from the physics, by an integrator that the predictors know nothing of."""

@@ -1,0 +1,141 @@
+"""What drives a simulated plant: smooth functions of time, written like sine:frequency=7."""
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+import inspect
+
+import numpy as np
+from scipy.interpolate import CubicSpline
+from scipy.signal import butter, lsim, sosfilt
+
+from hydro_twin.errors import UserError
+from hydro_twin.plants.plant import FloatArray, Laws
+from hydro_twin.simulation.simulate import Excitation
+
+RISE = 0.1                                  # [s] in which what would start abruptly is let in
+KNOTS = 20                                  # of random motion, for a period of its bandwidth
+
+
+@dataclass(frozen=True)
+class Run:
+    """What an excitation is drawn for: seconds of it, and the source of chance."""
+
+    duration: float
+    rng: np.random.Generator
+
+
+def sine(run: Run, frequency: float = 1.0) -> Excitation:
+    """A sinusoid [Hz], from zero."""
+    return lambda t: np.sin(2 * np.pi * frequency * t)
+
+
+def multisine(run: Run, lowest: float = 0.2, highest: float = 10.0, lines: float = 20
+              ) -> Excitation:
+    """Sinusoids at frequencies spread evenly on a logarithmic scale [Hz], in random phases."""
+    f = np.geomspace(lowest, highest, int(lines))
+    phase = run.rng.uniform(0, 2 * np.pi, len(f))
+    return _normal(run, lambda t: sum(np.sin(2 * np.pi * f_i * t + phi)
+                                      for f_i, phi in zip(f, phase, strict=True)))
+
+
+def chirp(run: Run, first: float = 0.2, last: float = 15.0) -> Excitation:
+    """A sinusoid whose frequency rises exponentially over the run [Hz]."""
+    rate = np.log(last / first) / run.duration
+    return lambda t: np.sin(2 * np.pi * first / rate * np.expm1(rate * t))
+
+
+def steps(run: Run, shortest: float = 0.1, longest: float = 0.5) -> Excitation:
+    """Random levels held for random times [s]; the first is zero."""
+    edges = np.cumsum(run.rng.uniform(shortest, longest, int(run.duration / shortest) + 1))
+    levels = np.append(0.0, run.rng.uniform(-1, 1, len(edges)))
+    return lambda t: levels[np.searchsorted(edges, t, side='right')]
+
+
+def random(run: Run, bandwidth: float = 2.0) -> Excitation:
+    """Gaussian noise through a low-pass of second order [Hz]."""
+    rate = KNOTS * bandwidth
+    knots = np.arange(int(run.duration * rate) + 4) / rate
+    noise = run.rng.standard_normal(len(knots) + KNOTS)
+    smooth = sosfilt(butter(2, bandwidth, fs=rate, output='sos'), noise)[KNOTS:]
+    return _normal(run, CubicSpline(knots, smooth))
+
+
+def _normal(run: Run, raw: Callable[[FloatArray], FloatArray]) -> Excitation:
+    """Scale to 1 at the most over the run, and let it in smoothly."""
+    def gated(t: FloatArray) -> FloatArray:
+        return -np.expm1(-(t / RISE) ** 2) * raw(t)
+
+    largest = float(np.abs(gated(np.linspace(0, run.duration, 20001))).max())
+    return lambda t: gated(t) / largest
+
+
+KINDS: Mapping[str, Callable[..., Excitation]] = {
+    kind.__name__: kind for kind in (sine, multisine, chirp, steps, random)}
+
+
+@dataclass(frozen=True)
+class Spec:
+    """An excitation as a user writes it, KIND:NAME=VALUE,...
+
+    Attributes:
+        amplitude: largest value; None: by the response, see `make`.
+        offset: constant added.
+    """
+
+    kind: str
+    settings: Mapping[str, float]
+    amplitude: float | None = None
+    offset: float = 0.0
+
+
+def parse(text: str) -> Spec:
+    """Read KIND:NAME=VALUE,...; every kind takes an amplitude and an offset too.
+
+    Raises:
+        UserError: no such kind, no such setting of it, or a value that is no number above zero.
+    """
+    kind, _, rest = text.partition(':')
+    if kind not in KINDS:
+        raise UserError(f'no excitation {kind!r}; there are {", ".join(KINDS)}')
+    known = [*inspect.signature(KINDS[kind]).parameters][1:]
+    settings = settings_of(text, rest)
+    amplitude, offset = settings.pop('amplitude', None), settings.pop('offset', 0.0)
+    for name, value in settings.items():
+        if name not in known:
+            raise UserError(f'excitation {text!r}: {kind} has no {name}; it has '
+                            f'{", ".join([*known, "amplitude", "offset"])}')
+        if not 0 < value < np.inf:
+            raise UserError(f'excitation {text!r}: {name} must be above zero')
+    return Spec(kind, settings, amplitude, offset)
+
+
+def settings_of(text: str, rest: str) -> dict[str, float]:
+    """Split NAME=VALUE,... into numbers.
+
+    Raises:
+        UserError: it is not of that form.
+    """
+    try:
+        return {name.strip(): float(value) for name, value in
+                (part.split('=') for part in rest.split(',') if part)}
+    except ValueError:
+        raise UserError(f'{text!r} should read like sine:frequency=7,amplitude=2') from None
+
+
+def make(spec: Spec, run: Run, laws: Laws, column: int, largest: float, sample_time: float
+         ) -> Excitation:
+    """Make an excitation.
+
+    Args:
+        laws: the plant's, which give the amplitude where the user gives none: the one with which
+            this input alone makes the linear plant's output reach `largest`.
+        column: of this input.
+    """
+    shape = KINDS[spec.kind](run, **spec.settings)
+    amplitude = spec.amplitude
+    if amplitude is None:
+        t = sample_time * np.arange(round(run.duration / sample_time) + 1)
+        _, y, _ = lsim((laws.A, laws.B[:, [column]], laws.C, laws.D[:, [column]]), shape(t), t)
+        amplitude = float(f'{largest / np.abs(y).max():.3g}')
+    return lambda t: spec.offset + amplitude * shape(t)

@@ -1,0 +1,111 @@
+"""Fine steps in continuous time: Runge-Kutta for what is smooth, implicit for what sticks.
+
+All that holds at one instant lies in one vector w = [x, u, d]: states, inputs, and what the
+effects add to the value of each port.
+"""
+from __future__ import annotations
+
+from hydro_twin.compiled import compiled
+from hydro_twin.predictors.dispatch import apply
+
+
+@compiled
+def dot(rows, i, w):  # type: ignore[no-untyped-def]
+    """Scalar product of row i with w."""
+    value = 0.0
+    for j in range(len(w)):
+        value += rows[i, j] * w[j]
+    return value
+
+
+@compiled
+def pass_ports(seen, table, p, z, h, s, z_next, w):  # type: ignore[no-untyped-def]
+    """Go through the ports in order: fill the d of w and z_next; returns the value of the last.
+
+    An effect that is implicit adds nothing here; see `stick`.
+    """
+    ports = len(seen[0])
+    first_d = len(w) - ports
+    for i in range(first_d, len(w)):
+        w[i] = 0.0
+    value = 0.0
+    for port in range(ports):
+        value = dot(seen[0], port, w)
+        for e in range(len(table)):
+            code, at, first, second, p0, p1, z0, z1, implicit = table[e]
+            if at == port and not implicit:
+                s[0], s[1] = dot(seen[1], first, w), dot(seen[1], second, w)
+                after = apply(code, value, s, p[p0:p1], z[z0:z1], h, 0.0, z_next[z0:z1])
+                w[first_d + port] += after - value
+                value = after
+    return value
+
+
+@compiled
+def rates(moves, seen, table, p, x, u, z, s, z_next, w, slope):  # type: ignore[no-untyped-def]
+    """Fill slope with x' at these states and inputs; the effects remember nothing of it."""
+    n, m = len(x), len(u)
+    for i in range(n):
+        w[i] = x[i]
+    for i in range(m):
+        w[n + i] = u[i]
+    pass_ports(seen, table, p, z, 0.0, s, z_next, w)
+    for i in range(n):
+        slope[i] = dot(moves, i, w)
+
+
+@compiled
+def stick(seen, table, p, z, h, gain, s, z_next, w):  # type: ignore[no-untyped-def]
+    """Add to x the forces that depend on where the step ends: those of the implicit effects."""
+    for e in range(len(table)):
+        code, port, first, second, p0, p1, z0, z1, implicit = table[e]
+        if implicit:
+            s[0], s[1] = dot(seen[1], first, w), dot(seen[1], second, w)
+            rise = dot(seen[1], first, gain[port])
+            force = apply(code, 0.0, s, p[p0:p1], z[z0:z1], h, rise, z_next[z0:z1])
+            for i in range(len(w)):
+                w[i] += force * gain[port, i]
+
+
+@compiled
+def integrate(moves, seen, table, p, h, gain, x, z, inputs, steps, y, work):  # type: ignore[no-untyped-def]
+    """Move x and z in place over all inputs; y gets the output after every `steps` steps.
+
+    Args:
+        moves: x' for w, shape (n, n + m + P).
+        seen: values of the ports (P, n + m + P) and their signals (S, n + m + P) for w.
+        table: for each effect its code, port, two signal rows, the begin and end of its parameters
+            in p and of its memory in z, and whether it is implicit; shape (K, 9).
+        h: length of a step [s].
+        gain: what a unit added to each port over a step does to w, shape (P, n + m + P).
+        inputs: at the begin, the middle and the end of every step, shape (steps len(y), 3, m).
+        work: (6, >= largest of n + m + P and memory) scratch.
+    """
+    n, m = len(x), inputs.shape[2]
+    w, z_next, s = work[0, :moves.shape[1]], work[1, :len(z)], work[2, :2]
+    slope, total, at = work[3, :n], work[4, :n], work[5, :n]
+    for k in range(len(inputs)):
+        for i in range(n):
+            total[i] = 0.0
+            at[i] = x[i]
+        for stage in range(4):              # the classical one: weights 1, 2, 2, 1
+            rates(moves, seen, table, p, at, inputs[k, (stage + 1) // 2], z, s, z_next, w, slope)
+            weight = h / 6.0 if stage in (0, 3) else h / 3.0
+            reach = h if stage == 2 else 0.5 * h
+            for i in range(n):
+                total[i] += weight * slope[i]
+                at[i] = x[i] + reach * slope[i]
+        for i in range(n):
+            w[i] = x[i] + total[i]
+        for i in range(m):
+            w[n + i] = inputs[k, 2, i]
+        for i in range(len(z)):
+            z_next[i] = z[i]
+        pass_ports(seen, table, p, z, h, s, z_next, w)
+        stick(seen, table, p, z, h, gain, s, z_next, w)
+        for i in range(n):
+            x[i] = w[i]
+        for i in range(len(z)):
+            z[i] = z_next[i]
+        if (k + 1) % steps == 0:
+            y[k // steps] = pass_ports(seen, table, p, z, 0.0, s, z_next, w)

@@ -1,0 +1,28 @@
+"""What a sensor makes of an output: noise, and steps."""
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from hydro_twin.recording.series import Series
+
+
+def measure(series: Series, output: str, snr: float | None, noise: float, quantisation: float,
+            rng: np.random.Generator) -> tuple[Series, float]:
+    """Measure the output with white Gaussian noise, rounded to whole steps.
+
+    Args:
+        snr: power of the signal about its mean over that of the noise [dB]; None: use `noise`.
+        noise: RMS, in the output's unit.
+        quantisation: step, in the output's unit; 0 for none.
+
+    Returns:
+        The series as measured, and the RMS of the noise.
+    """
+    y = series[output]
+    rms = noise if snr is None else float(np.std(y) * 10 ** (-snr / 20))
+    measured = y + rms * rng.standard_normal(len(y)) if rms else y
+    if quantisation:
+        measured = quantisation * np.round(measured / quantisation)
+    return replace(series, columns={**series.columns, output: measured}), rms

@@ -1,0 +1,106 @@
+"""What a plant with effects does under given inputs: its laws, integrated in continuous time."""
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+
+import numpy as np
+
+from hydro_twin.effects import EFFECTS, Placed
+from hydro_twin.plants.plant import FloatArray, Laws, Plant
+from hydro_twin.recording.series import Series
+from hydro_twin.simulation.integrator import integrate
+
+Excitation = Callable[[FloatArray], FloatArray]     # times [s] -> values of one input
+
+LONGEST_STEP = 25e-6                        # [s]
+FASTEST = 0.05                              # step times fastest pole of the linear laws, at most
+BLOCK = 500                                 # samples integrated at once
+
+
+def simulate(plant: Plant, values: Mapping[str, float], effects: Sequence[Placed],
+             inputs: Mapping[str, Excitation], duration: float, start: int = 0,
+             tick: Callable[[], None] = lambda: None) -> Series:
+    """Integrate a plant from rest, and sample its inputs and its output without any error.
+
+    A held input keeps each sample until the next, as the plant gets it from a bus; the others
+    move on between samples.
+
+    Args:
+        values: parameters and constants by name.
+        inputs: for every input, its value over time.
+        duration: time from the first sample to the last [s].
+        start: stamp of the first sample [ns].
+        tick: called after every `BLOCK` samples.
+    """
+    T = plant.sample_time
+    laws = plant.laws(values)
+    count = round(duration / T) + 1
+    fastest = float(np.abs(np.linalg.eigvals(laws.A)).max())
+    steps = int(np.ceil(T / min(LONGEST_STEP, FASTEST / max(fastest, 1e-9))))
+    h = T / steps
+    table, p, memory = _tables(plant, effects)
+    moves = np.hstack([laws.A, laws.B, laws.E])
+    seen = (np.hstack([laws.port_x, laws.port_u, laws.port_d]),
+            np.hstack([laws.signal_x, laws.signal_u, laws.signal_d]))
+    gain = np.zeros((len(plant.ports), moves.shape[1]))
+    gain[:, :plant.order] = _response(laws, h).T
+    x, z = np.zeros(plant.order), np.zeros(memory)
+    y = np.empty(count)
+    work = np.zeros((6, max(moves.shape[1], memory)))
+    # A step of no length evaluates the output at the start, where nothing has moved yet.
+    at_start = np.array([[[inputs[s.name](np.zeros(1))[0] for s in plant.inputs]] * 3])
+    integrate(moves, seen, table, p, 0.0, 0.0 * gain, x, z, at_start, 1, y[:1], work)
+    for k in range(0, count - 1, BLOCK):
+        samples = min(BLOCK, count - 1 - k)
+        fine = _fine(plant, effects, inputs, k, samples, steps)
+        integrate(moves, seen, table, p, h, gain, x, z, fine, steps, y[k + 1:k + 1 + samples],
+                  work)
+        tick()
+    time = T * np.arange(count)
+    columns = {signal.name: inputs[signal.name](time) for signal in plant.inputs}
+    return Series({**columns, plant.output.name: y}, T, start)
+
+
+def _fine(plant: Plant, effects: Sequence[Placed], inputs: Mapping[str, Excitation], k: int,
+          samples: int, steps: int) -> FloatArray:
+    """Lay out the inputs as the plant feels them from sample k on, shape (steps samples, 3, m)."""
+    T = plant.sample_time
+    step = np.arange(samples * steps)
+    places = [k + (step + offset) / steps for offset in (0.0, 0.5, 1.0)]     # in samples
+    columns = []
+    for signal in plant.inputs:
+        late = sum(placed.values[0] for placed in effects
+                   if placed.effect.shifts == 'all' or (placed.effect.shifts and signal.held)) / T
+        at = np.column_stack([place - late for place in places])
+        if signal.held:                     # no step straddles a sample: its middle tells which
+            at = np.repeat(np.floor(at[:, 1:2]), 3, axis=1)
+        columns.append(inputs[signal.name](T * np.maximum(at, 0.0).ravel()).reshape(at.shape))
+    return np.stack(columns, axis=-1)
+
+
+def _tables(plant: Plant, effects: Sequence[Placed]
+            ) -> tuple[np.ndarray[tuple[int, int], np.dtype[np.int64]], FloatArray, int]:
+    """Lay out effects for `integrate`: its table, their parameters, the size of their memory."""
+    rows, p, memory = [], [], 0
+    for placed in effects:
+        if placed.effect.law is None:
+            continue
+        port = plant.ports.index(placed.port)
+        before = sum(len(other.signals) for other in plant.ports[:port])
+        signals = [before + list(placed.port.signals).index(name) for name in placed.effect.reads]
+        rows.append([EFFECTS.index(placed.effect), port, *(signals + [0, 0])[:2],
+                     len(p), len(p) + len(placed.values),
+                     memory, memory + placed.effect.memory, placed.effect.implicit])
+        p += placed.values
+        memory += placed.effect.memory
+    return np.array(rows, np.int64).reshape(-1, 9), np.array(p, np.float64), memory
+
+
+def _response(laws: Laws, h: float) -> FloatArray:
+    """Return what a unit added to each port over h does to x: h E + h^2/2 A E + ..."""
+    term = h * laws.E
+    gain = term
+    for k in range(2, 6):
+        term = h / k * laws.A @ term
+        gain = gain + term
+    return gain
