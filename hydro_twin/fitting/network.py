@@ -175,6 +175,10 @@ def train_many(problem: Problem, jobs: Sequence[Job], device: str = 'cpu') -> It
             yield from train_batch(problem, list(group), device)
         return
     processes = min(len(os.sched_getaffinity(0)), len(jobs))
+    if processes == 1:
+        for job in jobs:
+            yield train_batch(problem, [job])[0]
+        return
     with get_context('spawn').Pool(processes, _start_worker, (problem,)) as pool:
         yield from pool.imap(_train_one, jobs)      # leaving early ends the workers
 

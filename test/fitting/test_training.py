@@ -109,6 +109,7 @@ def test_the_curve_starts_at_the_untrained_network(problem: Problem) -> None:
     assert trained.curve.shape == (40,)
 
 
+@pytest.mark.slow
 def test_a_seed_gives_the_same_network_in_any_process(problem: Problem) -> None:
     jobs = [Job(SMALL, seed) for seed in (7, 8, 7)]
     first, other, again = train_many(problem, jobs)
