@@ -1,0 +1,1 @@
+"""The live twin without ROS: messages to samples, samples to predictions, does the model hold."""

@@ -1,0 +1,135 @@
+"""What the node says of itself once a second, from the counters of the live twin."""
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from enum import IntEnum
+import math
+
+from hydro_twin.live.live import Feed, Live
+from hydro_twin.live.twin import Twin
+
+
+class Level(IntEnum):
+    """The levels of diagnostic_msgs/msg/DiagnosticStatus."""
+
+    OK = 0
+    WARN = 1
+    ERROR = 2
+    STALE = 3
+
+
+@dataclass(frozen=True)
+class Status:
+    """One entry of /diagnostics."""
+
+    part: str
+    level: Level
+    message: str
+    values: Mapping[str, str] = field(default_factory=dict)
+
+
+class Diagnosis:
+    """Turns counters into statuses; it remembers those of the last time."""
+
+    def __init__(self, live: Live, twins: Sequence[Twin]) -> None:
+        """Diagnose the inputs and these twins."""
+        self.live = live
+        self.twins = twins
+        self._last: dict[tuple[object, str], int] = {}
+
+    def statuses(self, now: int, elapsed: float, publishers: Mapping[str, int]) -> list[Status]:
+        """Say how things stand.
+
+        Args:
+            now: by the clock of the arrivals [ns].
+            elapsed: since the last call [s].
+            publishers: topic -> how many nodes publish on it.
+        """
+        statuses = [self._feed(feed, now, elapsed, publishers.get(feed.topic, 0))
+                    for feed in self.live.feeds]
+        statuses.append(self._time())
+        statuses += [self._twin(twin, elapsed) for twin in self.twins]
+        return statuses
+
+    def _new(self, owner: object, counter: str) -> int:
+        """Return by how much a counter has grown since the last time."""
+        value = getattr(owner, counter)
+        grown: int = value - self._last.get((owner, counter), 0)
+        self._last[owner, counter] = value
+        return grown
+
+    def _feed(self, feed: Feed, now: int, elapsed: float, publishers: int) -> Status:
+        """Say how the messages of one topic come in."""
+        arrived = self._new(feed, 'messages')
+        faults = [f'{self._new(feed, "malformed")} malformed: {feed.fault}'
+                  ] if feed.malformed > self._last.get((feed, 'malformed'), 0) else []
+        for counter, what in (('not_finite', 'not finite'), ('reordered', 'out of order'),
+                              ('duplicates', 'twice the same stamp'), ('late', 'too late')):
+            faults += [f'{track.name}: {count} {what}' for track in feed.tracks
+                       if (count := self._new(track, counter))]
+        names = [track.name for track in feed.tracks if feed.messages and not track.samples]
+        faults += [f'no message holds {name}' for name in names]
+        if publishers > 1:
+            faults.append(f'{publishers} publishers on one topic')
+        needed = any(track.needed for track in feed.tracks)
+        if not arrived:
+            level = Level.STALE if needed else Level.WARN
+            faults.insert(0, 'nothing has come yet' if not feed.messages else
+                          f'nothing for {(now - feed.arrived) * 1e-9:.1f} s')
+        elif names or arrived == feed.malformed:
+            level = Level.ERROR
+        else:
+            level = Level.WARN if faults else Level.OK
+        values = {'rate [Hz]': f'{arrived / elapsed:.1f}', 'messages': f'{feed.messages}',
+                  'publishers': f'{publishers}', 'malformed': f'{feed.malformed}'}
+        if feed.messages:
+            values['age [s]'] = f'{(now - feed.arrived) * 1e-9:.3f}'
+        for track in feed.tracks:
+            for counter in ('duplicates', 'reordered', 'not_finite', 'late', 'filled'):
+                values[f'{track.name} {counter}'] = f'{getattr(track, counter)}'
+        return Status(f'input {feed.topic}', level, '; '.join(faults) or 'coming in', values)
+
+    def _time(self) -> Status:
+        """Say whether time runs on."""
+        aligner = self.live.aligner
+        jumped = self._new(aligner, 'jumps')
+        begun = self._new(aligner, 'series')
+        values = {'series begun': f'{aligner.series}', 'jumps back': f'{aligner.jumps}'}
+        if jumped:
+            return Status('time', Level.WARN, f'reset: {aligner.reason}', values)
+        if begun and aligner.series > 1:
+            return Status('time', Level.WARN, 'reset after a gap in the inputs', values)
+        return Status('time', Level.OK, 'runs on', values)
+
+    def _twin(self, twin: Twin, elapsed: float) -> Status:
+        """Say how one twin does."""
+        made = self._new(twin, 'predictions')
+        diverged = self._new(twin, 'divergences')
+        monitor = twin.monitor
+        wanted = 1.0 / twin.predictor.sample_time
+        values = {'mode': twin.mode, 'rate [Hz]': f'{made / elapsed:.1f}',
+                  'rate wanted [Hz]': f'{wanted:.1f}', 'predictions': f'{twin.predictions}',
+                  'divergences': f'{twin.divergences}'}
+        level, message = Level.OK, 'holds'
+        if monitor is None:
+            message = 'the model file promises no error to watch'
+        else:
+            values['residual promised'] = f'{monitor.promised:.6g}'
+            if not math.isnan(monitor.rms):
+                values['residual'] = f'{monitor.rms:.6g}'
+            if monitor.chart is not None:
+                values['delay of alarm [s]'] = f'{monitor.chart.delay:.1f}'
+            if monitor.rise is not None:
+                rise = monitor.rise
+                level = Level.WARN
+                message = (f'refit: the residual is {rise.rms / rise.promised:.2f} times what the '
+                           f'model promised; record the inputs as from stamp '
+                           f'{rise.begin * 1e-9:.3f} to {rise.end * 1e-9:.3f}')
+        if diverged:
+            level, message = Level.ERROR, f'diverged {diverged} times and was reset'
+        elif not made:
+            level, message = Level.WARN, 'no predictions: waiting for inputs'
+        elif made < 0.9 * wanted * elapsed and level is Level.OK:
+            level, message = Level.WARN, f'{made / elapsed:.1f} of {wanted:g} predictions a second'
+        return Status(f'twin {twin.name}'.rstrip(), level, message, values)

@@ -1,0 +1,92 @@
+"""The models that a node is asked to run, loaded and ready to step."""
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+import re
+from typing import Any
+
+from hydro_twin.errors import ModelError
+from hydro_twin.live.twin import Twin
+from hydro_twin.model import document
+from hydro_twin.predictors.predictor import load
+from hydro_twin.recording.digest import source_of
+
+TASTE = 4096   # bytes at the begin of a model file that show whether it may be one
+
+
+@dataclass(frozen=True)
+class Choice:
+    """A model to run: its name among the topics, '' for the main one, and its file."""
+
+    name: str
+    path: Path
+
+
+def choices(model: str, models: Sequence[str]) -> list[Choice]:
+    """List the models of the parameters `model` and `models` (each NAME=PATH or PATH).
+
+    Raises:
+        ModelError: none is given, or a name is no ROS name or there twice.
+    """
+    chosen = [Choice('', Path(model).expanduser())] if model else []
+    for entry in filter(None, models):
+        name, equals, path = entry.rpartition('=')
+        file = Path(path).expanduser()
+        name = name if equals else re.sub(r'\W', '_', file.stem)
+        if not re.fullmatch(r'[A-Za-z]\w*', name):
+            raise ModelError(f'models: {name!r} cannot name a topic; write NAME={file}')
+        if name in [choice.name for choice in chosen]:
+            raise ModelError(f'models: {name} is there twice; write OTHER_NAME={file}')
+        chosen.append(Choice(name, file))
+    if not chosen:
+        raise ModelError("no model is given: set the parameter 'model' to a model file, "
+                         "as 'refit' writes it")
+    return chosen
+
+
+def load_twin(choice: Choice, mode: str) -> Twin:
+    """Load a model and compile its step; this takes its time.
+
+    Raises:
+        ModelError: the model cannot be used.
+    """
+    twin = Twin(choice.name, load(choice.path), mode)
+    twin.warm_up()
+    return twin
+
+
+def same_inputs(twin: Twin, other: Twin) -> None:
+    """Refuse a twin that cannot run on the inputs of another.
+
+    Raises:
+        ModelError: it is of another plant, or of another sample time.
+    """
+    for what in ('plant.name', 'sample_time'):
+        ours, theirs = twin.predictor, other.predictor
+        for step in what.split('.'):
+            ours, theirs = getattr(ours, step), getattr(theirs, step)
+        if ours != theirs:
+            raise ModelError(f'{what} is {ours}, that of the running model is {theirs}')
+
+
+def taste(path: Path, plant: str) -> str:
+    """Look at a model file, in no time; the reason to refuse it, or ''."""
+    try:
+        with path.open('rb') as file:
+            head = file.read(TASTE)
+    except OSError as error:
+        return f'{path}: no model file can be read there ({error.strerror})'
+    found = re.search(rb'^plant:\s*[\'"]?(\w+)', head, re.MULTILINE)
+    if not found:
+        return f'{path}: not a model file (no "plant" in it)'
+    if found[1].decode() != plant:
+        return f'{path}: a model of {found[1].decode()}; the node runs {plant}'
+    return ''
+
+
+def describe(twin: Twin, path: Path) -> dict[str, Any]:
+    """Describe a model for `~/model_info`: its file's contents, hash, and how it is run."""
+    return {'name': twin.name, 'path': str(path), 'sha256': source_of(path).sha256,
+            'mode': twin.mode, **document(twin.predictor.model)}

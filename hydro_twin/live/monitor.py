@@ -1,0 +1,177 @@
+"""Does the model still hold: watches the residual for a lasting rise above what was promised."""
+from __future__ import annotations
+
+from collections import deque
+from dataclasses import dataclass
+import math
+
+import numpy as np
+from scipy.optimize import brentq
+
+RISE = 1.2              # the rise of the residual's RMS that is to be found
+FALSE_ALARM = 10 * 86400.0   # mean time between false alarms [s]: a tenth of an alarm a day
+BATCH = 1.0             # length of the shortest batch [s]
+LEARN = 16384           # samples from which the colour of the residual is learned
+FREEDOM = 30.0          # least degrees of freedom of a batch, for its cube root to be normal
+LOW = 8                 # lowest frequencies from which the variance of a batch is taken
+SAFETY = 2.0            # upper 95 % limit of a variance known from `LOW` of them
+OVERSHOOT = 1.166       # of a normal random walk over two boundaries [Siegmund 1985]
+
+
+@dataclass(frozen=True)
+class Chart:
+    """A one-sided CUSUM of normal variables, made for one rise and one rate of false alarms.
+
+    Attributes:
+        samples: samples in a batch.
+        freedom: degrees of freedom of the mean square of a batch.
+        reference: half the rise, in standard deviations of a batch.
+        threshold: alarm above this.
+        delay: mean time from a rise by `RISE` to the alarm [s].
+    """
+
+    samples: int
+    freedom: float
+    reference: float
+    threshold: float
+    delay: float
+
+    def score(self, ratio: float) -> float:
+        """Turn mean square over promised mean square into a standard normal variable.
+
+        Wilson and Hilferty (1931): the cube root of a chi-square variable is nearly normal.
+        """
+        spread = 2.0 / (9.0 * self.freedom)
+        return (math.cbrt(ratio) - (1.0 - spread)) / math.sqrt(spread)
+
+
+def design(square_noise: float, sample_time: float) -> Chart:
+    """Choose batch and threshold for a residual of a given colour.
+
+    Args:
+        square_noise: n Var(m) / E(m)^2 of the mean m of n squared samples; 2 when white.
+        sample_time: [s].
+
+    Returns:
+        The chart. Run lengths are Siegmund's, (e^-c + c - 1) / (2 k^2) with c = 2 k b in a drift
+        k towards the boundary b = threshold + 1.166, and the same with -c away from it.
+    """
+    samples = math.ceil(max(BATCH / sample_time, FREEDOM * square_noise / 2.0))
+    freedom = 2.0 * samples / square_noise
+    k = 0.5 * (math.cbrt(RISE**2) - 1.0) / math.sqrt(2.0 / (9.0 * freedom))
+    batch = samples * sample_time
+    wanted = max(FALSE_ALARM / batch, 10.0)
+
+    def excess(c: float) -> float:
+        return (math.exp(c) - c - 1.0) / (2.0 * k * k) - wanted
+
+    c = brentq(excess, 1e-9, math.log(wanted * 2.0 * k * k + 1.0) + 10.0)
+    threshold = max(c / (2.0 * k) - OVERSHOOT, k)
+    c = 2.0 * k * (threshold + OVERSHOOT)
+    delay = max((math.exp(-c) + c - 1.0) / (2.0 * k * k), 1.0) * batch
+    return Chart(samples, freedom, k, threshold, delay)
+
+
+def square_noise(residual: np.ndarray) -> float:
+    """Measure how noisy the mean of the squared residual is, whatever the residual's colour.
+
+    From the lowest frequencies of the periodogram of the squares, which is the variance of long
+    batch means; an upper limit, so that colour that is hard to see makes no false alarms.
+
+    Args:
+        residual: shape (n,), in any unit.
+
+    Returns:
+        n Var(m) / E(m)^2 of the mean m of n squares; 2 when the residual is white and normal.
+    """
+    squares = residual * residual
+    mean = float(squares.mean())
+    if mean == 0.0:
+        return 2.0
+    low = np.abs(np.fft.rfft(squares - mean)[1:LOW + 1])**2 / len(squares)
+    return max(SAFETY * float(low.mean()) / mean**2, 2.0)
+
+
+@dataclass(frozen=True)
+class Rise:
+    """A lasting rise of the residual, with the stretch that shows it."""
+
+    begin: int
+    end: int
+    rms: float
+    promised: float
+
+
+class Monitor:
+    """Watches the residual of one twin.
+
+    `add` is for the hot path and only sums; `judge` does the thinking and may run in another
+    thread. The colour of the residual is learned from the first `LEARN` samples; its level is
+    the model file's promise, so that a model which never held is found too.
+    """
+
+    def __init__(self, promised: float, sample_time: float) -> None:
+        """Watch against a promised RMS [unit of the output]; sample_time in s."""
+        self.promised = promised
+        self.sample_time = sample_time
+        self.chart: Chart | None = None
+        self.rise: Rise | None = None
+        self._base = round(BATCH / sample_time)
+        self._seen = np.empty(LEARN)
+        self._learned = 0
+        self._batches: deque[tuple[int, int, float, int]] = deque(maxlen=3600)
+        self._begin = 0
+        self._sum = 0.0
+        self._count = 0
+        self._pool = (0, 0.0, 0)
+        self._cusum = 0.0
+        self._onset = 0
+        self.rms = math.nan
+
+    def add(self, stamp: int, residual: float) -> None:
+        """Take in the residual of the sample at a stamp [ns]."""
+        if self._learned < LEARN:
+            self._seen[self._learned] = residual
+            self._learned += 1
+        if not self._count:
+            self._begin = stamp
+        self._sum += residual * residual
+        self._count += 1
+        if self._count == self._base:
+            self._batches.append((self._begin, stamp, self._sum, self._count))
+            self._sum, self._count = 0.0, 0
+
+    def judge(self) -> Rise | None:
+        """Work through the batches that are full.
+
+        Returns:
+            The rise when it has just been found; afterwards it stays in `rise`.
+        """
+        if self.chart is None:
+            if self._learned < LEARN:
+                return None
+            self.chart = design(square_noise(self._seen), self.sample_time)
+        found = None
+        while self._batches:
+            found = self._take(self.chart, *self._batches.popleft()) or found
+        return found
+
+    def _take(self, chart: Chart, begin: int, end: int, total: float, count: int) -> Rise | None:
+        """Add a short batch to the pool, and step the CUSUM when that is a batch of the chart."""
+        start, pooled, number = self._pool
+        if not number:
+            start = begin
+        self._pool = (start, pooled + total, number + count)
+        if self._pool[2] < chart.samples:
+            return None
+        mean_square = self._pool[1] / self._pool[2]
+        self._pool = (0, 0.0, 0)
+        self.rms = math.sqrt(mean_square)
+        if self._cusum == 0.0:
+            self._onset = start
+        score = chart.score(mean_square / self.promised**2)
+        self._cusum = max(0.0, self._cusum + score - chart.reference)
+        if self.rise is None and self._cusum > chart.threshold:
+            self.rise = Rise(self._onset, end, self.rms, self.promised)
+            return self.rise
+        return None

@@ -1,0 +1,76 @@
+"""One model that runs on the samples, and whether it can be stood behind."""
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from hydro_twin.live.monitor import Monitor
+from hydro_twin.plants.plant import FloatArray
+from hydro_twin.predictors.predictor import Predictor
+
+ABSURD = 1000.0   # times a typical large output: a prediction beyond it has diverged
+
+
+class Twin:
+    """Runs one predictor, resets it when it diverges, and watches its residual.
+
+    Attributes:
+        predictions: how many were made.
+        divergences: how often a run diverged and was begun anew.
+        residual: the last one, nan where nothing was measured [unit of the output].
+    """
+
+    def __init__(self, name: str, predictor: Predictor, mode: str) -> None:
+        """Run a predictor in one_step or free_run; the name is '' for the main one."""
+        self.name = name
+        self.predictor = predictor
+        self.mode = mode
+        self.predictions = 0
+        self.divergences = 0
+        self.residual = math.nan
+        self.promised = predictor.model.promised(mode)
+        self._limit = ABSURD * predictor.plant.output_scale
+        self.start_over()
+
+    def start_over(self) -> None:
+        """Begin a run, and watch the residual anew."""
+        self.monitor = (Monitor(self.promised, self.predictor.sample_time)
+                        if self.promised else None)
+        self.reset()
+
+    def reset(self) -> None:
+        """Begin a run: the next sample is its first."""
+        self._step = self.predictor.stepper(self.mode).step
+        self._running = False
+
+    def warm_up(self) -> None:
+        """Step once for nothing, so that what is compiled is there before the first sample."""
+        stepper = self.predictor.stepper(self.mode)
+        for _ in range(2):
+            stepper.step(np.zeros(len(self.predictor.plant.inputs)), 0.0)
+
+    def step(self, stamp: int, inputs: FloatArray, measured: float) -> float:
+        """Predict the output of the next sample.
+
+        Args:
+            stamp: of the sample [ns].
+            inputs: shape (m,).
+            measured: the output, nan where it is not known.
+
+        Returns:
+            The prediction, nan while the run starts up or where it has diverged.
+        """
+        prediction = self._step(inputs, measured)
+        if not abs(prediction) <= self._limit:
+            if self._running:
+                self.divergences += 1
+                self.reset()
+            self.residual = math.nan
+            return math.nan
+        self._running = True
+        self.predictions += 1
+        self.residual = measured - prediction
+        if self.monitor is not None and self.residual == self.residual:   # not nan
+            self.monitor.add(stamp, self.residual)
+        return prediction

@@ -1,0 +1,426 @@
+"""The ROS shell round the live twin: topics, parameters, lifecycle, time; no physics."""
+from __future__ import annotations
+
+from collections import deque
+from collections.abc import Callable, Sequence
+import contextlib
+from functools import partial
+import gc
+import json
+from pathlib import Path
+import queue
+import sys
+import threading
+import time
+from typing import Any
+
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
+from rcl_interfaces.msg import FloatingPointRange, ParameterDescriptor, SetParametersResult
+import rclpy
+from rclpy.clock import Clock, ClockType
+from rclpy.executors import Executor, ExternalShutdownException, SingleThreadedExecutor
+from rclpy.lifecycle import (
+    LifecycleNode,
+    LifecyclePublisher,
+    LifecycleState,
+    TransitionCallbackReturn,
+)
+from rclpy.parameter import Parameter
+from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
+from rclpy.qos_overriding_options import QoSOverridingOptions
+from sensor_msgs.msg import JointState
+from std_msgs.msg import String
+from std_srvs.srv import Trigger
+
+from hydro_twin.errors import ModelError, UserError
+from hydro_twin.live.diagnostics import Diagnosis
+from hydro_twin.live.live import Feed, Live
+from hydro_twin.live.messages import message_class
+from hydro_twin.live.models import Choice, choices, describe, load_twin, same_inputs, taste
+from hydro_twin.live.outlet import Outlet
+from hydro_twin.live.twin import Twin
+from hydro_twin.plants import Plant
+from hydro_twin.predictors.predictor import MODES
+from hydro_twin.recording.signals import default_config, load_parameters, signal_maps, SignalMap
+
+DEPTH = 200      # messages: a hiccup of 400 ms at 500 Hz
+TICK = 0.02      # how often the steady timer looks for inputs that are late [s]
+PERIOD = 1.0     # of the diagnostics [s]
+SWITCH = 5e-4    # for how long the other thread may keep a message waiting [s]
+SUCCESS, FAILURE = TransitionCallbackReturn.SUCCESS, TransitionCallbackReturn.FAILURE
+OVERRIDES = QoSOverridingOptions.with_default_policies()
+
+
+class TwinNode(LifecycleNode):
+    """A managed node: configure loads the models, activate listens and publishes.
+
+    Messages and requests are handled by the executor; a thread loads models and publishes
+    diagnostics. The two meet in a few attributes that are set whole: `_swaps`, `_restore`.
+    """
+
+    def __init__(self) -> None:
+        super().__init__('hydro_twin')
+        self.fault: UserError | None = None   # why the last configure failed
+        self._live: Live | None = None
+        self._outlets: list[Outlet] = []
+        self._outgoing: list[LifecyclePublisher] = []
+        self._chosen: list[Choice] = []
+        self._swaps: deque[Twin] = deque()    # loaded, to take over at the next message
+        self._restore: str | None = None      # the value of `model` before it was refused
+        self._entities: list[tuple[Callable[[Any], Any], Any]] = []   # of an active node
+        self._publisher_counts: dict[str, Callable[[], int]] = {}
+        self._jobs: queue.Queue[Callable[[], None] | None] = queue.Queue()
+        self._declare()
+        latched = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
+        self._info = self.create_publisher(String, '~/model_info', latched,
+                                           qos_overriding_options=OVERRIDES)
+        self._event = self.create_publisher(String, '~/model_event', 10)
+        self._diagnostics = self.create_publisher(DiagnosticArray, '/diagnostics', 10)
+        self.create_service(Trigger, '~/reset', self._on_reset)
+        self._worker = threading.Thread(target=self._work, name='worker', daemon=True)
+        self._worker.start()
+
+    def _declare(self) -> None:
+        """Declare the parameters that do not hang on the plant."""
+        def text(description: str, **limits: Any) -> ParameterDescriptor:
+            return ParameterDescriptor(description=description, **limits)
+
+        self.declare_parameter('model', '', text(
+            'model file that ~/prediction comes from; may be set while the node runs'))
+        self.declare_parameter('models', Parameter.Type.STRING_ARRAY, text(
+            'more model files, side by side on ~/NAME/prediction: NAME=PATH or PATH'))
+        self.declare_parameter('mode', 'one_step', text(
+            'one_step: from measured outputs up to the sample before; free_run: without them',
+            additional_constraints='one_step or free_run'))
+        self.declare_parameter('wait', 0.1, text(
+            'how long a late input is waited for before its last value is held [s]',
+            floating_point_range=[FloatingPointRange(from_value=0.0, to_value=10.0)]))
+        self.declare_parameter('autostart', True, text(
+            'configure and activate at start, without a lifecycle manager'))
+        self.add_on_set_parameters_callback(self._on_set)
+        self.add_post_set_parameters_callback(self._after_set)
+
+    # Lifecycle
+
+    def on_configure(self, state: LifecycleState) -> TransitionCallbackReturn:
+        """Load and check the models, create what they publish."""
+        del state
+        try:
+            self._configure()
+        except UserError as error:
+            self.fault = error
+            self.get_logger().error(str(error))
+            self._clean_up()
+            return FAILURE
+        return SUCCESS
+
+    def on_activate(self, state: LifecycleState) -> TransitionCallbackReturn:
+        """Listen."""
+        self._listen()
+        gc.collect()
+        gc.freeze()
+        gc.disable()   # the worker collects
+        return super().on_activate(state)
+
+    def on_deactivate(self, state: LifecycleState) -> TransitionCallbackReturn:
+        """Stop listening."""
+        self._stop_listening()
+        return super().on_deactivate(state)
+
+    def on_cleanup(self, state: LifecycleState) -> TransitionCallbackReturn:
+        """Forget the models."""
+        del state
+        self._clean_up()
+        return SUCCESS
+
+    def on_shutdown(self, state: LifecycleState) -> TransitionCallbackReturn:
+        """Stop listening, forget the models."""
+        return self.on_cleanup(state)
+
+    def destroy_node(self) -> None:
+        """Stop the thread, then the node."""
+        self._jobs.put(None)
+        self._worker.join(timeout=5.0)
+        super().destroy_node()
+
+    def _configure(self) -> None:
+        """Make everything that an active node needs."""
+        self._chosen = choices(self.get_parameter('model').value,
+                               self.get_parameter_or('models').value or ())
+        mode = self.get_parameter('mode').value
+        twins = [load_twin(choice, mode) for choice in self._chosen]
+        for twin in twins:
+            same_inputs(twin, twins[0])
+        predictor = twins[0].predictor
+        signals = self._signals(predictor.plant)
+        for signal in signals.values():
+            message_class(signal.type)
+        self._live = Live(predictor.plant, signals, predictor.sample_time,
+                          self.get_parameter('wait').value)
+        self._outlets = [self._outlet(twin) for twin in twins]
+        self._diagnosis = Diagnosis(self._live, twins)
+        self._tell_info()
+
+    def _outlet(self, twin: Twin) -> Outlet:
+        """Create the topics of a twin."""
+        prefix = f'~/{twin.name}/' if twin.name else '~/'
+        prediction, residual = (
+            self.create_lifecycle_publisher(JointState, f'{prefix}{topic}', QoSProfile(depth=DEPTH),
+                                            qos_overriding_options=OVERRIDES)
+            for topic in ('prediction', 'residual'))
+        self._outgoing += [prediction, residual]
+        return Outlet(twin, prediction.publish, residual.publish)
+
+    def _signals(self, plant: Plant) -> dict[str, SignalMap]:
+        """Declare the signal map of a plant, and read it."""
+        defaults = load_parameters(default_config(plant.name))
+        values = {}
+        for signal in plant.signals:
+            for attribute in ('topic', 'type', 'field', 'scale', 'offset'):
+                key = f'signals.{signal.name}.{attribute}'
+                values[key] = self.declare_parameter(key, defaults[key], ParameterDescriptor(
+                    description=f'{attribute} of the {signal.meaning} [{signal.unit}]',
+                    dynamic_typing=attribute in ('scale', 'offset'))).value
+        return signal_maps(values, [signal.name for signal in plant.signals],
+                           'parameters of the node')
+
+    def _listen(self) -> None:
+        """Subscribe to the inputs, start the timer."""
+        live = self._live
+        if live is None:
+            raise RuntimeError('activated before it was configured')
+        live.aligner.restart()
+        for feed in live.feeds:
+            subscription = self.create_subscription(
+                message_class(feed.type), feed.topic, self._listener(live, feed),
+                QoSProfile(depth=DEPTH, reliability=ReliabilityPolicy.BEST_EFFORT), raw=True,
+                qos_overriding_options=OVERRIDES)
+            self._publisher_counts[feed.topic] = subscription.get_publisher_count
+            self._entities.append((self.destroy_subscription, subscription))
+        self._ticked = time.monotonic()
+        timer = self.create_timer(TICK, self._on_tick,
+                                  clock=Clock(clock_type=ClockType.STEADY_TIME))
+        self._entities.append((self.destroy_timer, timer))
+
+    def _stop_listening(self) -> None:
+        self._publisher_counts.clear()
+        for destroy, entity in self._entities:
+            destroy(entity)
+        self._entities.clear()
+        gc.enable()
+        gc.unfreeze()
+
+    def _clean_up(self) -> None:
+        self._stop_listening()
+        for publisher in self._outgoing:
+            self.destroy_lifecycle_publisher(publisher)
+        self._outgoing.clear()
+        self._outlets = []
+        self._live = None
+        self._swaps.clear()
+        for key in self.get_parameters_by_prefix('signals'):
+            self.undeclare_parameter(f'signals.{key}')
+
+    # The hot path
+
+    def _listener(self, live: Live, feed: Feed) -> Callable[[bytes], None]:
+        """Make the callback of one topic."""
+        clock = self.get_clock()
+
+        def now() -> int:
+            return int(clock.now().nanoseconds)
+
+        def listen(payload: bytes) -> None:
+            if self._swaps:
+                self._swap()
+            live.take(feed, payload, now)
+            self._drain(live)
+
+        return listen
+
+    def _drain(self, live: Live) -> None:
+        """Step the twins through all the samples that are ready."""
+        aligner = live.aligner
+        while aligner.advance():
+            for outlet in self._outlets:
+                if aligner.first:
+                    outlet.twin.reset()
+                outlet.step(aligner.stamp, aligner.inputs, aligner.measured)
+
+    def _swap(self) -> None:
+        """Let freshly loaded twins take over, between two samples."""
+        while self._swaps:
+            twin = self._swaps.popleft()
+            for outlet in self._outlets:
+                if outlet.twin.name == twin.name:
+                    outlet.twin = twin
+
+    def _on_tick(self) -> None:
+        """Fill in inputs that are late, unless it is this process that is late."""
+        now = time.monotonic()
+        stalled, self._ticked = now - self._ticked > 2.0 * TICK, now
+        if self._live is not None and not stalled:
+            self._live.tick(self.get_clock().now().nanoseconds)
+            self._drain(self._live)
+        if self._restore is not None:
+            self.set_parameters([Parameter('model', value=self._restore)])
+            self._restore = None
+
+    # Requests
+
+    def _on_reset(self, request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
+        """Start afresh."""
+        del request
+        if self._live is not None:
+            self._live.aligner.restart()
+            for outlet in self._outlets:
+                outlet.twin.start_over()
+        response.success = self._live is not None
+        response.message = 'starts afresh' if response.success else 'not configured'
+        return response
+
+    def _on_set(self, parameters: Sequence[Parameter]) -> SetParametersResult:
+        """Refuse what cannot be, as far as that shows in no time."""
+        for parameter in parameters:
+            if reason := self._objection(parameter.name, parameter.value):
+                return SetParametersResult(successful=False, reason=reason)
+        return SetParametersResult(successful=True)
+
+    def _objection(self, name: str, value: Any) -> str:
+        """Say why a parameter cannot have a value, or ''."""
+        if name == 'mode' and value not in MODES:
+            return f'mode {value!r}: there are {" and ".join(MODES)}'
+        if not self._outlets or self._restore is not None:
+            return ''
+        if name == 'models' or name.startswith('signals.'):
+            return f'{name} can be set before the node is configured: clean it up first'
+        if name == 'model':
+            if self._chosen[0].name:
+                return 'the node was configured without a main model'
+            return taste(Path(value).expanduser(), self._outlets[0].twin.predictor.plant.name)
+        return ''
+
+    def _after_set(self, parameters: Sequence[Parameter]) -> None:
+        """Act on new values."""
+        values = {parameter.name: parameter.value for parameter in parameters}
+        if self._live is None or self._restore is not None:
+            return
+        if 'wait' in values:
+            self._live.aligner.bound_wait(values['wait'])
+        if 'model' in values or 'mode' in values:
+            model = self._chosen[0].path if 'model' not in values else values['model']
+            self._jobs.put(partial(self._reload, Path(model).expanduser(),
+                                   self.get_parameter('mode').value))
+
+    # Off the hot path
+
+    def _work(self) -> None:
+        """Load models and publish diagnostics, in a thread of its own."""
+        self._diagnosed = time.monotonic()
+        while True:
+            job: Callable[[], None] | None = self._diagnose
+            with contextlib.suppress(queue.Empty):
+                job = self._jobs.get(timeout=max(self._diagnosed + PERIOD - time.monotonic(), 0.0))
+            if job is None:
+                return
+            job()
+
+    def _reload(self, model: Path, mode: str) -> None:
+        """Load what has changed to take over from what runs, or leave that running."""
+        first, *others = self._chosen
+        chosen = [Choice(first.name, model), *others]
+        running = self._outlets[0].twin
+        try:
+            twins = [load_twin(choice, mode) for choice in
+                     (chosen if mode != running.mode else chosen[:1])]
+            same_inputs(twins[0], running)
+        except ModelError as error:
+            self.get_logger().error(f'refused, the model before it still runs: {error}')
+            self._tell_event('refused', says=str(error))
+            self._restore = str(first.path)
+            return
+        self._chosen = chosen
+        self._swaps.extend(twins)
+        names = {twin.name for twin in twins}
+        self._diagnosis = Diagnosis(self._diagnosis.live, twins + [
+            twin for twin in self._diagnosis.twins if twin.name not in names])
+        self._tell_info()
+        self._tell_event('swapped', model=str(model), mode=mode)
+
+    def _diagnose(self) -> None:
+        """Judge the residuals, publish diagnostics, tidy up."""
+        elapsed, self._diagnosed = time.monotonic() - self._diagnosed, time.monotonic()
+        if self._live is None:
+            return
+        now = self.get_clock().now()
+        for twin in self._diagnosis.twins:
+            if twin.monitor is not None and (rise := twin.monitor.judge()) is not None:
+                self._tell_event(
+                    'refit', model=twin.name, begin=rise.begin, end=rise.end, rms=rise.rms,
+                    promised=rise.promised, topics=[feed.topic for feed in self._live.feeds])
+        statuses = self._diagnosis.statuses(
+            now.nanoseconds, elapsed, {topic: count() for topic, count in
+                                       list(self._publisher_counts.items())})
+        node = self.get_fully_qualified_name().strip('/')
+        message = DiagnosticArray(status=[
+            DiagnosticStatus(name=f'{node}: {status.part}', level=bytes([status.level]),
+                             message=status.message,
+                             values=[KeyValue(key=k, value=v) for k, v in status.values.items()])
+            for status in statuses])
+        message.header.stamp = now.to_msg()
+        self._diagnostics.publish(message)
+        gc.collect(1)
+
+    def _tell_info(self) -> None:
+        """Publish what is run, for those who come later too."""
+        files = {choice.name: choice.path for choice in self._chosen}
+        self._info.publish(String(data=json.dumps([
+            describe(twin, files[twin.name]) for twin in self._diagnosis.twins])))
+
+    def _tell_event(self, event: str, **about: Any) -> None:
+        """Publish that something happened to a model."""
+        self._event.publish(String(data=json.dumps({'event': event, **about})))
+
+
+def make_executor() -> Executor:
+    """Take the executor that costs a message a sixth of the other, where this rclpy has it."""
+    try:
+        from rclpy.experimental.events_executor import EventsExecutor
+    except ImportError:
+        return SingleThreadedExecutor()
+    return EventsExecutor()
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Run the node until it is shut down.
+
+    Args:
+        arguments: ROS arguments; by default those of this process.
+
+    Raises:
+        UserError: it starts itself, and the models or parameters do not allow it.
+    """
+    rclpy.init(args=None if arguments is None else [sys.argv[0], *arguments])
+    sys.setswitchinterval(SWITCH)
+    node = TwinNode()
+    try:
+        if node.get_parameter('autostart').value:
+            if node.trigger_configure() != SUCCESS:
+                raise node.fault or UserError('the node could not be configured')
+            node.trigger_activate()
+        executor = make_executor()
+        executor.add_node(node)
+        # spin() of some EventsExecutors hangs under full load; spin_once() does not.
+        with contextlib.suppress(ExternalShutdownException, KeyboardInterrupt):
+            while rclpy.ok():
+                executor.spin_once(timeout_sec=0.2)
+    finally:
+        # An impatient second interrupt must not turn the end into a traceback.
+        with contextlib.suppress(KeyboardInterrupt):
+            node.destroy_node()
+            rclpy.try_shutdown()
+    return 0
+
+
+if __name__ == '__main__':
+    sys.exit(main())

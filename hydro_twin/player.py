@@ -1,0 +1,117 @@
+"""Plays a bag's topics into ROS with their recorded pacing, for machines without `ros2 bag`."""
+from __future__ import annotations
+
+from collections.abc import Iterator
+import contextlib
+from pathlib import Path
+import time
+from typing import Any
+
+import rclpy
+from rclpy.duration import Duration
+from rclpy.node import Node
+from rclpy.publisher import Publisher
+from rclpy.qos import DurabilityPolicy, QoSProfile
+from rclpy.time import Time
+from rosgraph_msgs.msg import Clock
+
+from hydro_twin.errors import UserError
+from hydro_twin.live.messages import message_class
+from hydro_twin.recording.bag import opened
+
+TICK = 0.025       # between two messages on /clock [s], as `ros2 bag play` has it
+LISTENERS = 2.0    # how long someone to listen is waited for [s]
+DEPTH = 1000       # messages kept for a listener that is slow
+
+
+def play(bag: Path, rate: float = 1.0, loop: bool = False, clock: bool = False) -> dict[str, int]:
+    """Play a bag until its end, or until interrupted.
+
+    Args:
+        bag: a folder, or a single .mcap or .db3 file.
+        rate: times as fast as recorded.
+        loop: begin again at the end.
+        clock: publish the bag's time on /clock, for nodes with use_sim_time.
+
+    Returns:
+        Topic -> messages published.
+
+    Raises:
+        BagError: the bag cannot be read.
+        UserError: the rate is not above 0, or a message type of the bag is not installed.
+    """
+    if not rate > 0.0:
+        raise UserError(f'rate {rate:g}: must be above 0')
+    rclpy.init(args=[])
+    node = Node('hydro_twin_player')
+    try:
+        with opened(bag) as reader, contextlib.suppress(KeyboardInterrupt):
+            return _Player(node, reader, rate, clock).run(loop)
+        return {}
+    finally:
+        node.destroy_node()
+        rclpy.try_shutdown()
+
+
+class _Player:
+    """One bag on its way into ROS."""
+
+    def __init__(self, node: Node, reader: Any, rate: float, clock: bool) -> None:
+        self._reader = reader
+        self._rate = rate
+        self._publishers = {
+            connection.id: node.create_publisher(
+                message_class(connection.msgtype), connection.topic, _qos(connection))
+            for connection in reader.connections}
+        self._clock = node.create_publisher(Clock, '/clock', 10) if clock else None
+        self._count = {connection.topic: 0 for connection in reader.connections}
+
+    def run(self, loop: bool) -> dict[str, int]:
+        """Play once, or for ever."""
+        publishers = list(self._publishers.values())
+        _await_listeners(publishers)
+        while rclpy.ok():
+            for connection, payload in self._paced():
+                self._publishers[connection.id].publish(payload)
+                self._count[connection.topic] += 1
+            if not loop:
+                break
+        for publisher in publishers:
+            if rclpy.ok():
+                publisher.wait_for_all_acked(Duration(seconds=LISTENERS))
+        return self._count
+
+    def _paced(self) -> Iterator[tuple[Any, bytes]]:
+        """Yield the messages when they are due."""
+        begin = self._reader.start_time
+        started = ticked = time.monotonic()
+        for connection, stamp, payload in self._reader.messages():
+            due = started + (stamp - begin) * 1e-9 / self._rate
+            while (now := time.monotonic()) < due or self._clock and now >= ticked:
+                if self._clock and now >= ticked:
+                    passed = round((now - started) * self._rate * 1e9)
+                    self._clock.publish(Clock(clock=Time(nanoseconds=begin + passed).to_msg()))
+                    ticked += TICK
+                elif rclpy.ok():
+                    time.sleep(min(due, ticked if self._clock else due, now + TICK) - now)
+                else:
+                    return
+            yield connection, bytes(payload)
+
+
+def _qos(connection: Any) -> QoSProfile:
+    """Publish reliably, and for late comers too what was recorded so."""
+    latched = any(profile.durability.name == 'TRANSIENT_LOCAL'
+                  for profile in connection.ext.offered_qos_profiles)
+    return QoSProfile(depth=DEPTH, durability=DurabilityPolicy.TRANSIENT_LOCAL if latched
+                      else DurabilityPolicy.VOLATILE)
+
+
+def _await_listeners(publishers: list[Publisher]) -> None:
+    """Wait a while until someone listens, so that the first messages are not lost."""
+    until = time.monotonic() + LISTENERS
+    while rclpy.ok() and time.monotonic() < until:
+        if any(publisher.get_subscription_count() for publisher in publishers):
+            time.sleep(TICK * 10)   # others find us about as soon
+            return
+        time.sleep(TICK)
