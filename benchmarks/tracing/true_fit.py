@@ -1,0 +1,91 @@
+"""The best a tracer could do: the true structure of a rig, fitted from its true parameters."""
+from __future__ import annotations
+
+from collections.abc import Callable
+import math
+from typing import Any
+
+import numpy as np
+
+from benchmarks.tracing.draws import Built
+from benchmarks.tracing.rigs import BOX, Rig
+from benchmarks.tracing.signals import FloatArray
+from hydro_twin.effects import EFFECTS, Placed
+from hydro_twin.fitting.free_run import (
+    Candidate,
+    effect_unknowns,
+    parts_of,
+    plant_unknowns,
+    Problem,
+    rms,
+    timing_unknowns,
+)
+from hydro_twin.plants.load_simulator import LOAD_SIMULATOR
+from hydro_twin.recording.series import Recording, split_thirds
+
+# what 'single' laws are in the library: kind of port, and parameters from the fields built in
+_IN_LIBRARY: dict[str, tuple[str, Callable[[dict[str, Any]], dict[str, float]]]] = {
+    'coulomb': ('force', lambda f: {'coulomb': f['coulomb']}),
+    'stribeck': ('force', lambda f: {'coulomb': f['coulomb'],
+                                     'stribeck': f['static'] - f['coulomb'],
+                                     'stribeck_velocity': f['stribeck']}),
+    'overlap': ('opening', lambda f: {'width': f['dead_low']}),
+    'gap': ('coupling', lambda f: {'gap': f['gap']}),
+    'window_end': ('opening', lambda f: {'lower': -f['stroke'], 'upper': f['stroke']}),
+    'command_limit': ('command', lambda f: {'lower': -f['command_limit'],
+                                            'upper': f['command_limit']}),
+    'spool_rate': ('rate', lambda f: {'limit': f['rate']}),
+    'command_play': ('command', lambda f: {'width': f['command_play']}),
+    'spool_play': ('opening', lambda f: {'width': f['play']}),
+    'pure_delay': ('command', lambda f: {'time': f['delay']}),
+    'uneven_gain': ('flow', lambda f: {'imbalance': f['asymmetry']}),
+    'null_shift': ('command', lambda f: {'offset': f['command_bias']}),
+    'torque_bias': ('force', lambda f: {'offset': -f['torque_bias']}),
+    'sensor_bias': ('sensor', lambda f: {'offset': f['sensor_bias']}),
+    'square_root': ('flow', lambda f: {'supply_pressure': f['supply_high']}),
+    'turbulent': ('leakage', lambda f: {'flow': 1e3 * f['leak_root'], 'exponent': 0.5}),
+    'cubic': ('coupling', lambda f: {'cubic': f['cubic']}),
+    'sine_ripple': ('force', lambda f: {
+        'cosine': -f['ripple'] * math.sin(f['ripple_phase']),
+        'sine': -f['ripple'] * math.cos(f['ripple_phase']), 'periods': f['ripple_order']}),
+}
+
+
+def true_structure(rig: Rig, substeps: int = 8) -> Candidate:
+    """Return the rig as the product would describe it; for 'none', 'single' and 'pair'."""
+    sample_time = rig.recording().series[0].sample_time
+    values = {name: getattr(rig.truth.laws, name) for name in (*BOX, 'D_m')}
+    timing = None
+    if rig.truth.interpolation == 'linear':
+        timing = {'u_m': -0.5 * sample_time}
+    placed = tuple(_placed(built) for built in rig.truth.built)
+    return Candidate(LOAD_SIMULATOR, values, sample_time, placed, timing, substeps)
+
+
+def true_fit(rig: Rig) -> float:
+    """Fit the true structure to the training part; return its error on the test part [N m]."""
+    train, test = split_thirds(rig.recording())
+    start = true_structure(rig)
+    unknowns = plant_unknowns(start.plant, 'physical')
+    for i, placed in enumerate(start.effects):
+        unknowns += effect_unknowns(i, placed)
+    if start.timing:
+        unknowns += timing_unknowns(start.plant, start.sample_time)
+    fit = Problem(start, unknowns, parts_of(train, start.plant)).solve()
+    return error(fit.candidate, test)
+
+
+def error(candidate: Candidate, recording: Recording) -> float:
+    """Return the free run's error over all series [N m]."""
+    parts = parts_of(recording, candidate.plant)
+    residuals: list[FloatArray] = [candidate.residual(part) for part in parts]
+    return rms(np.concatenate(residuals))
+
+
+def _placed(built: Built) -> Placed:
+    kind, of = _IN_LIBRARY[built.law]
+    effect = next(e for e in EFFECTS if e.id == built.id and kind in e.kinds)
+    port = next(p for p in LOAD_SIMULATOR.ports if p.kind == kind)
+    neutral = {p.name: p.refinement for p in effect.parameters if p.refinement is not None}
+    given = {**neutral, **of(built.fields)}
+    return Placed(effect, port, tuple(given[p.name] for p in effect.parameters))
