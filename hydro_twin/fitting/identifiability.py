@@ -61,7 +61,7 @@ def assess(
         at_bound: parameters to be held where they are.
     """
     labels, picked = _coordinates(names, combinations, at_bound)
-    scores = np.zeros((len(labels), len(labels)))
+    scores = np.zeros((len(labels), len(labels)))               # S = scores' scores
     samples = 0
 
     def blocks() -> Iterable[FloatArray]:
@@ -69,7 +69,7 @@ def assess(
         for jacobian, residual in stretches:
             columns = jacobian @ picked
             samples += residual.size
-            scores[...] += _long_run_covariance(columns, residual)
+            scores[...] = triangle((scores, _score_windows(columns, residual)))
             yield columns
 
     R = triangle(blocks()) if labels else np.zeros((0, 0))
@@ -77,9 +77,9 @@ def assess(
     known = singular > NULL * singular.max(initial=0.0)
     W = Vt[known].T / singular[known]                           # (J'J)^+ = W W'
     freedom = samples / max(samples - len(labels), 1)
-    covariance = W @ (W.T @ scores @ W) @ W.T * freedom
-    error = np.sqrt(np.diag(covariance))
-    along = np.sqrt(np.einsum('ki,ij,kj->k', Vt, covariance, Vt))
+    root = W @ (W.T @ scores.T) * np.sqrt(freedom)              # covariance = root root'
+    error = np.linalg.norm(root, axis=1)
+    along = np.linalg.norm(Vt @ root, axis=1)
     blind = np.linalg.norm(Vt[~known], axis=0) > BLIND
     errors = {label: float(e) if e <= UNKNOWN and not hidden else None
               for label, e, hidden in zip(labels, error, blind, strict=True)}
@@ -93,7 +93,7 @@ def assess(
             for direction in Vt[~known | (along > UNKNOWN)]),
         at_bound=tuple(name for name in names if name in at_bound),
         coordinates=tuple(labels),
-        covariance=covariance,
+        covariance=root @ root.T,
     )
 
 
@@ -122,11 +122,12 @@ def _label(combination: Mapping[str, int]) -> str:
     return '/'.join([above, *(name for name, power in combination.items() if power < 0)])
 
 
-def _long_run_covariance(jacobian: FloatArray, residual: FloatArray) -> FloatArray:
-    """Sum the covariances of the scores over all lags, with falling (Bartlett) weights.
+def _score_windows(jacobian: FloatArray, residual: FloatArray) -> FloatArray:
+    """Sum the scores J(k) r(k) over a sliding window, shape (N + width, d).
 
-    They are what the sums over a sliding window give. Its width is Andrews' (1991) for an
-    autoregressive residual of order one, up to a fifth of the samples.
+    Their square is the sum of the covariances of the scores over all lags, with falling
+    (Bartlett) weights. The width is Andrews' (1991) for an autoregressive residual of order one,
+    up to a fifth of the samples.
     """
     n = residual.size
     power = residual @ residual
@@ -135,6 +136,5 @@ def _long_run_covariance(jacobian: FloatArray, residual: FloatArray) -> FloatArr
     width = int(np.clip(np.ceil(1.1447 * (memory * n)**(1 / 3)), 1, max(n // 5, 1)))
     scores = np.pad(jacobian * residual[:, None], ((width, width), (0, 0)))
     total = np.cumsum(scores, axis=0)
-    window = total[width:] - total[:-width]
-    covariance: FloatArray = window.T @ window / width
-    return covariance
+    windows: FloatArray = (total[width:] - total[:-width]) / np.sqrt(width)
+    return windows

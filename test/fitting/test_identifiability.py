@@ -102,3 +102,11 @@ def test_half_a_combination_at_its_bound_leaves_the_combination():
     assert half.combinations['b*c'] == pytest.approx(whole.combinations['b*c'])
     assert assess([(J, r)], NAMES, [{'b': 1, 'c': 1}], ('b', 'c')).combinations['b*c'] is None
     assert assess([(J, r)], NAMES, at_bound=NAMES).coordinates == ()
+
+
+def test_a_perfect_fit_has_no_scatter_but_still_its_blind_directions():
+    J = jacobian(500)
+    J[:, 2] = 2.0 * J[:, 1]
+    found = assess([(J, np.zeros(500))], NAMES)
+    assert found.std_error == {'a': 0.0, 'b': None, 'c': None}
+    assert found.undetermined == (('b', 'c'),)
