@@ -1,0 +1,126 @@
+"""hydro-twin replay: a model over a recorded bag, or the bag played into ROS."""
+from __future__ import annotations
+
+import argparse
+from dataclasses import replace
+from pathlib import Path
+from typing import Any, TYPE_CHECKING
+
+from hydro_twin.commands.common import add_config_argument, progress, read, Rig, rig_of
+from hydro_twin.errors import UserError
+
+if TYPE_CHECKING:
+    from rich.console import Console
+
+    from hydro_twin.plants.plant import FloatArray
+    from hydro_twin.recording.series import Recording, Series
+
+TOPIC = '/hydro_twin/{mode}/prediction'     # as the node's ~/NAME/prediction
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Add the arguments of the verb."""
+    parser.add_argument('bag', type=Path, metavar='BAG', help='a rosbag2 recording')
+    parser.add_argument('--model', type=Path, metavar='MODEL', help='the model file to run')
+    parser.add_argument('-o', '--output', type=Path, metavar='OUT',
+                        help='a bag to make: the input, and the predictions beside it')
+    add_config_argument(parser)
+    parser.add_argument('--publish', action='store_true',
+                        help="play the bag's topics into ROS instead, to drive a live node")
+    parser.add_argument('--rate', type=float, default=1.0,
+                        help='with --publish: times as fast as recorded (default: 1)')
+
+
+def run(args: argparse.Namespace) -> dict[str, Any]:
+    """Run the model over the bag, or play the bag.
+
+    Returns:
+        Samples, series and errors, each in the output's unit; or the messages played by topic.
+    """
+    if args.publish:
+        from hydro_twin.player import play
+        return {'played': play(args.bag, args.rate)}
+    if args.model is None:
+        raise UserError('a --model is needed, or --publish')
+    return _replay(args.bag, args.model, args.output, args.config)
+
+
+def _replay(bag: Path, model: Path, output: Path | None, config: Path | None) -> dict[str, Any]:
+    from hydro_twin.predictors import load, MODES
+    from hydro_twin.predictors.scores import fit_percent, persistence, pooled, rms
+
+    if output is not None and output.exists():
+        raise UserError(f'{output} exists already: it is not overwritten')
+    predictor = load(model)
+    plant = predictor.plant
+    rig = rig_of(replace(plant, sample_time=predictor.sample_time), config)
+    if rig.plant.sample_time != predictor.sample_time:
+        raise UserError(f'{model} runs at {predictor.sample_time:g} s, but {config} says '
+                        f'{rig.plant.sample_time:g} s')
+    recording = read([bag], rig)
+    predictions: dict[str, list[FloatArray]] = {mode: [] for mode in MODES}
+    with progress('replaying', len(recording.series)) as tick:
+        for series in recording.series:
+            predictions['one_step'].append(predictor.one_step(series))
+            predictions['free_run'].append(predictor.free_run(series))
+            tick()
+    result: dict[str, Any] = {
+        'samples': sum(map(len, recording.series)),
+        'series': len(recording.series),
+        'unit': plant.output.unit,
+    }
+    # One step has no prediction until the regressors are full; a free run starts at once.
+    for mode, skip in (('one_step', plant.order), ('free_run', 0)):
+        error, measured = pooled(recording, plant.output.name, predictions[mode], skip)
+        result[mode] = {'rmse': rms(error), 'fit_percent': fit_percent(error, measured)}
+    result['persistence'] = {'rmse': persistence(recording, plant.output.name)}
+    if output is not None:
+        _write(bag, output, recording, predictions, rig)
+        result['output'] = str(output)
+    return result
+
+
+def _write(bag: Path, output: Path, recording: Recording,
+           predictions: dict[str, list[FloatArray]], rig: Rig) -> None:
+    """Write the bag again, with the predictions on topics of their own."""
+    from hydro_twin.live.writer import FIELDS, TYPE
+    from hydro_twin.recording.signals import SignalMap
+    from hydro_twin.recording.write import add_to_copy
+
+    field = FIELDS.get(rig.plant.output.unit, 'position')
+    beside = rig.signals[rig.plant.output.name]
+    signals = {mode: SignalMap(TOPIC.format(mode=mode), TYPE, f'{field}[0]')
+               for mode in predictions}
+    series = [_predicted(one, {mode: predictions[mode][k] for mode in predictions})
+              for k, one in enumerate(recording.series)]
+    add_to_copy(bag, output, series, signals, beside)
+
+
+def _predicted(series: Series, predictions: dict[str, FloatArray]) -> Series:
+    """Make a series of the predictions, from where both begin to where one diverges."""
+    import numpy as np
+
+    known = np.all([np.isfinite(prediction) for prediction in predictions.values()], axis=0)
+    begin = int(np.argmax(known))
+    end = begin + int(np.argmin([*known[begin:], False]))
+    return replace(series, columns=predictions).part(begin, end)
+
+
+def show(result: dict[str, Any], console: Console) -> None:
+    """Print the errors."""
+    if 'played' in result:
+        for topic, count in result['played'].items():
+            console.print(f'{topic}: {count} messages')
+        return
+    from rich.table import Table
+
+    unit = result['unit']
+    console.print(f'{result["samples"]} samples in {result["series"]} series')
+    table = Table('', f'RMS error [{unit}]', 'fit [%]')
+    for mode in ('one_step', 'free_run'):
+        table.add_row(mode.replace('_', ' '), f'{result[mode]["rmse"]:.4g}',
+                      f'{result[mode]["fit_percent"]:.2f}')
+    table.add_row('persistence', f'{result["persistence"]["rmse"]:.4g}', '')
+    console.print(table)
+    if 'output' in result:
+        console.print(f'predictions beside the input in {result["output"]}')
