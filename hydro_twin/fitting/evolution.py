@@ -15,9 +15,9 @@ def evolution(
     """Breed 100 generations of 100, with the settings of [B19] Table 2.
 
     Roulette-wheel selection, generational replacement, elitism of one, mutation rate 1:
-    gene + K_i N(0, sigma_i). Two things the paper leaves open: the slots of the wheel are as
-    wide as the individual is better than the worst, and sigma_i, which starts at 1, mutates by
-    the usual log-normal factor (Baeck and Schwefel 1993). Genes are clamped to the box.
+    gene + K_i N(0, sigma_i). Two things the paper leaves open: an individual's slot on the
+    wheel is the inverse of its squared error, and sigma_i, which starts at 1, mutates by the
+    usual log-normal factor (Baeck and Schwefel 1993). Genes are clamped to the box.
 
     Args:
         objective: scores a population, shape (P, d) -> (P,).
@@ -46,7 +46,9 @@ def evolution(
 
 def _wheel(errors: FloatArray) -> FloatArray:
     """Share of the roulette wheel that each individual gets, summing to 1."""
-    finite = np.isfinite(errors)
-    slots = np.where(finite, errors.max(initial=0.0, where=finite) - errors, 0.0)
-    total = slots.sum()
-    return slots / total if total > 0.0 else np.full(errors.size, 1.0 / errors.size)
+    if not np.isfinite(errors).any():
+        return np.full(errors.size, 1.0 / errors.size)
+    positive = np.maximum(errors, np.finfo(float).tiny)
+    slots = (positive.min() / positive) ** 2                    # relative: 1 / tiny^2 overflows
+    share: FloatArray = slots / slots.sum()
+    return share

@@ -66,5 +66,6 @@ def test_lives_with_candidates_that_have_no_error(method):
     assert result.error < 0.1
 
 
-def test_survives_an_objective_that_is_flat(method):
-    assert method(lambda p: np.full(len(p), 2.0), LOWER, UPPER, 0).error == 2.0
+@pytest.mark.parametrize('error', [2.0, 0.0, np.inf])
+def test_survives_an_objective_that_is_flat(method, error):
+    assert method(lambda p: np.full(len(p), error), LOWER, UPPER, 0).error == error
