@@ -41,7 +41,7 @@ def to_grid(signals: Mapping[str, Samples], held: Collection[str], sample_time: 
         [_stretches(times[name], step, name in held) for name in signals])
     series = []
     for start, stop in zip(begin, end, strict=True):
-        count = int((stop - start) // step) + 1
+        count = int((stop - start + 0.5) // step) + 1   # stamps are rounded to whole ns
         if count < MIN_SAMPLES:
             continue
         grid = start + np.rint(step * np.arange(count)).astype(np.int64)

@@ -1,7 +1,10 @@
 """Takes the jitter out of receive times: those of a steady rate lie on a line over the counts."""
 from __future__ import annotations
 
+import math
+
 import numpy as np
+from numpy.lib.stride_tricks import sliding_window_view
 
 from hydro_twin.recording.cdr import IntArray
 from hydro_twin.recording.series import FloatArray
@@ -9,6 +12,7 @@ from hydro_twin.recording.series import FloatArray
 WINDOW = 100   # messages over which the earliest arrival shows the delay that all have in common
 SHORTEST = 20   # fewer messages do not make a line
 MAX_LOST = 5   # after more the sender may have started anew
+DOUBT = 0.25   # of a period: from 0.75 on a common delay is a loss
 STEADY = 1.0   # typical distance from the line, in periods, up to which the rate counts as steady
 
 
@@ -62,14 +66,14 @@ def count_messages(time: FloatArray) -> FloatArray:
     period = np.median(time[span:] - time[:-span]) / span
     if not period > 0.0:
         return counts
-    begin = 0   # of the stretch without loss
-    for k in (np.flatnonzero(np.diff(time) > 1.5 * period) + 1).tolist():
-        before = np.arange(max(begin, k - WINDOW), k)
-        after = np.arange(k, min(k + WINDOW, len(time)))
-        delay_before = (time[before] - period * before).min()
-        delay_after = (time[after] - period * after).min()
-        lost = round((delay_after - delay_before) / period)
+    delay = time - period * counts
+    edge = np.full(span, np.inf)
+    earliest = sliding_window_view(np.concatenate([edge, delay, edge]), span).min(axis=1)
+    rise = earliest[span:-1] - earliest[:-span - 1]   # of the earliest after k over that before
+    for k in np.flatnonzero(rise[1:] > (1.0 - DOUBT) * period) + 1:
+        before = delay[max(0, k - span):k].min()
+        lost = math.floor((delay[k:k + span].min() - before) / period + DOUBT)
         if lost > 0:
             counts[k:] += lost
-            begin = k
+            delay[k:] -= lost * period
     return counts

@@ -1,10 +1,15 @@
 """Whatever is wrong with a bag, one line says so."""
+import contextlib
 import os
 import shutil
 import sqlite3
+import struct
 
-from bags_by_hand import float64, joint_state, JOINT_STATE, rig, STORE, write_bag
+from bags_by_hand import float64, JOINT_STATE, joint_state, rig, STORE, write_bag
 from hypothesis import given, HealthCheck, settings, strategies
+from mcap import records
+from mcap.exceptions import EndOfFile, InvalidMagic
+from mcap.stream_reader import StreamReader
 import pytest
 
 from hydro_twin.errors import BagError
@@ -80,7 +85,7 @@ def test_no_messages(tmp_path, storage):
     assert 'no messages on /states for signal x' in line
 
 
-@pytest.mark.parametrize('keep', [0.02, 0.4, 0.9, 0.999])
+@pytest.mark.parametrize('keep', [0.02, 0.6, 0.9, 0.999])
 @pytest.mark.parametrize('single', [False, True])
 def test_mcap_cut_short_tells_how_much_is_left(tmp_path, keep, single):
     path = write_bag(tmp_path / 'bag', rig(10_000))
@@ -88,9 +93,16 @@ def test_mcap_cut_short_tells_how_much_is_left(tmp_path, keep, single):
     os.truncate(file, int(file.stat().st_size * keep))
     line = refusal(file if single else path)
     assert 'cut short' in line
-    count = int(line.partition(': ')[2].partition(' messages')[0])
-    # Whole chunks count; the file ends in an index, so that 90 % of it hold nearly all messages.
-    assert count == 0 if keep < 0.1 else keep * 0.7 < count / 20_000 <= min(1.0, keep * 1.4)
+    assert f'{count_by_reference(file)} messages' in line
+
+
+def count_by_reference(file):
+    """Count the messages up to the break with the reference library."""
+    count = 0
+    with file.open('rb') as stream, contextlib.suppress(EndOfFile, InvalidMagic, struct.error):
+        for record in StreamReader(stream).records:
+            count += isinstance(record, records.Message)
+    return count
 
 
 def test_sqlite_cut_short(tmp_path):
@@ -169,13 +181,12 @@ def test_any_damage_gives_a_reading_or_one_line(victim, tmp_path, data):
         at = data.draw(strategies.integers(0, len(content) - 1))
         content[at] = data.draw(strategies.integers(0, 255))
     file.write_bytes(content)
+    said = ''
     try:
         found = read_signals(copy, SIGNALS)
     except BagError as error:
-        assert '\n' not in str(error)
-    else:
-        assert {name: len(samples.values) for name, samples in found.items()}.keys() == \
-            SIGNALS.keys()
+        said = str(error)
+    assert found.keys() == SIGNALS.keys() if not said else '\n' not in said
 
 
 def test_definition_that_nobody_knows(tmp_path):

@@ -1,11 +1,11 @@
 import subprocess
 import sys
 
+from bags_by_hand import FLOAT64, float64, header, JOINT_STATE, joint_state, rig, STORE, write_bag
 import numpy as np
 import pytest
 from rosbags.highlevel import AnyReader
 
-from bags_by_hand import FLOAT64, float64, header, joint_state, JOINT_STATE, rig, STORE, write_bag
 from hydro_twin.errors import BagError
 from hydro_twin.recording.bag import read_signals
 from hydro_twin.recording.signals import SignalMap
