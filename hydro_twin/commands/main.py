@@ -113,7 +113,7 @@ def _node(arguments: list[str]) -> int:
               f'{VERBS["node"][1]}; its parameters are in the README')
         return 0
     from hydro_twin.node import main as node_main
-    return node_main(arguments) or 0
+    return node_main(arguments)
 
 
 def plain(value: object) -> object:
