@@ -1,0 +1,223 @@
+"""The study of [B19]: optimisers and networks over repeated runs, on training and test data."""
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
+import math
+
+import numpy as np
+from scipy.stats import mannwhitneyu
+
+from hydro_twin.errors import DataError
+from hydro_twin.fitting.coefficients import coefficients_of
+from hydro_twin.fitting.network import HYBRID, Job, make_problem, Settings, train_many
+from hydro_twin.fitting.one_step import Coefficients, least_squares, one_step_error
+from hydro_twin.fitting.populations import METHODS
+from hydro_twin.fitting.regression import Regression, regression
+from hydro_twin.fitting.search import SearchResult
+from hydro_twin.model import Estimate, Model
+from hydro_twin.plants import Plant
+from hydro_twin.plants.plant import FloatArray
+from hydro_twin.predictors.analytical import Analytical
+from hydro_twin.predictors.hybrid import NetworkPredictor
+from hydro_twin.recording.series import Recording, Series
+
+TITLES = {'random': 'RG', 'ea': 'EA', 'bees': 'BA', 'pso': 'PSO', 'mlp': 'MLP',
+          'hybrid': 'hybrid', 'least_squares': 'LS'}
+PARTS = ('train', 'test')
+MODES = ('one_step', 'free_run')
+
+HUGE = 1e200        # stands for infinity where quartiles are interpolated
+
+Key = tuple[str, str]                       # part, mode
+
+
+@dataclass(frozen=True)
+class Part:
+    """Data of the study, and the factor of their one-step problem."""
+
+    series: Sequence[Series]
+    factor: Regression
+
+
+@dataclass(frozen=True)
+class Run:
+    """One run of one method.
+
+    Attributes:
+        errors: RMS in the output's unit by part and mode; infinite after a divergence.
+        curve: training error after every cycle or epoch.
+    """
+
+    errors: Mapping[Key, float]
+    curve: FloatArray
+
+
+@dataclass(frozen=True)
+class Study:
+    """All runs of all methods on one pair of training and test data.
+
+    Attributes:
+        runs: by method, in the order of `TITLES`.
+        patterns: number of patterns by part.
+        persistence: error of repeating the last sample, by part.
+        unconstrained: one-step error, by part, of the coefficients that fit the training part
+            best with no physics to bind them; in training no physical model is below it.
+    """
+
+    runs: Mapping[str, Sequence[Run]]
+    patterns: Mapping[str, int]
+    persistence: Mapping[str, float]
+    unconstrained: Mapping[str, float]
+
+    def errors(self, method: str, part: str, mode: str) -> FloatArray:
+        """Errors of all runs of a method, shape (runs,)."""
+        return np.array([run.errors[part, mode] for run in self.runs[method]])
+
+
+def study(
+    train: Recording, test: Recording, plant: Plant, constants: Mapping[str, float], runs: int,
+    seed: int = 0, device: str = 'cpu', run_done: Callable[[], object] = lambda: None,
+) -> Study:
+    """Run every method a number of times, with the settings of [B19].
+
+    The hybrid stands on the least-squares fit of the first run.
+
+    Args:
+        train: what is fitted.
+        test: what is only predicted.
+        plant: the plant, at the sample time of the recordings.
+        constants: of the rig.
+        runs: of each method; run i has the seed `seed + i`.
+        seed: of the first run.
+        device: as in `network.train_many`.
+        run_done: called after every run.
+
+    Raises:
+        DataError: a part is too short, constant or not finite.
+    """
+    parts = {'train': make_part('training', train, plant), 'test': make_part('test', test, plant)}
+    seeds = range(seed, seed + runs)
+    found: dict[str, list[Run]] = {method: [] for method in TITLES}
+
+    def collect(method: str, results: Iterable[Run]) -> None:
+        for run in results:
+            found[method].append(run)
+            run_done()
+
+    coefficients = coefficients_of(plant, constants, plant.sample_time)
+    fits = {}
+    for method in TITLES:
+        if method not in ('mlp', 'hybrid'):
+            fits[method] = [fit(method, parts['train'].factor, coefficients, plant, s)
+                            for s in seeds]
+            collect(method, (analytical_run(result, coefficients, parts, plant, constants)
+                             for result in fits[method]))
+    base = model_of('hybrid', fits['least_squares'][0].best, plant, constants)
+    mlp = Model(plant, {}, constants, plant.sample_time, 'mlp')
+    collect('mlp', network_runs(mlp, Settings(), parts, seeds, device))
+    collect('hybrid', network_runs(base, HYBRID, parts, seeds, device))
+    best = parts['train'].factor.best()
+    return Study(found, {name: part.factor.patterns for name, part in parts.items()},
+                 {name: part.factor.persistence() for name, part in parts.items()},
+                 {name: float(part.factor.rms(best)) for name, part in parts.items()})
+
+
+def make_part(name: str, recording: Recording, plant: Plant) -> Part:
+    """Factor the one-step problem of a part.
+
+    Raises:
+        DataError: it is too short, constant or not finite; the message names the part.
+    """
+    inputs = [signal.name for signal in plant.inputs]
+    try:
+        return Part(recording.series, regression(recording.series, plant.output.name, inputs,
+                                                 plant.order))
+    except DataError as error:
+        raise DataError(f'{name} part: {error}') from error
+
+
+def fit(
+    method: str, factor: Regression, coefficients: Coefficients, plant: Plant, seed: int,
+) -> SearchResult:
+    """Search the plant's box for the least one-step error by a method of `TITLES`."""
+    lower, upper = np.array([(p.lower, p.upper) for p in plant.parameters]).T
+    if method == 'least_squares':
+        names = [p.name for p in plant.parameters]
+        return least_squares(factor, coefficients, names, plant.combinations, lower, upper, seed)
+    return METHODS[method](one_step_error(factor, coefficients), lower, upper, seed)
+
+
+def model_of(
+    kind: str, values: FloatArray, plant: Plant, constants: Mapping[str, float],
+) -> Model:
+    """Make a model of parameters in the plant's order, shape (d,)."""
+    estimates = {p.name: Estimate(float(value))
+                 for p, value in zip(plant.parameters, values, strict=True)}
+    return Model(plant, estimates, constants, plant.sample_time, kind)
+
+
+def analytical_run(
+    found: SearchResult, coefficients: Coefficients, parts: Mapping[str, Part], plant: Plant,
+    constants: Mapping[str, float],
+) -> Run:
+    """Score physical parameters on all parts."""
+    predictor = Analytical(model_of('analytical', found.best, plant, constants))
+    c = coefficients(found.best[None])[0]
+    errors = {}
+    for name, part in parts.items():
+        errors[name, 'one_step'] = float(part.factor.rms(c))
+        errors[name, 'free_run'] = free_run_error(predictor, part.series)
+    return Run(errors, found.history)
+
+
+def network_runs(
+    model: Model, settings: Settings, parts: Mapping[str, Part], seeds: Sequence[int],
+    device: str,
+) -> Iterator[Run]:
+    """Train networks on the training part, on the analytical model's error if it is a hybrid."""
+    problems = {}
+    for name, part in parts.items():
+        predicted = None
+        if model.kind == 'hybrid':
+            analytical = Analytical(model)
+            predicted = [analytical.one_step(series) for series in part.series]
+        problems[name] = make_problem(part.series, model.plant, predicted)
+    jobs = [Job(settings, seed) for seed in seeds]
+    for trained in train_many(problems['train'], jobs, device):
+        predictor = NetworkPredictor(model, trained.network)
+        errors = {}
+        for name, part in parts.items():
+            problem = problems[name]
+            errors[name, 'one_step'] = rms(trained.network(problem.regressors) - problem.targets)
+            errors[name, 'free_run'] = free_run_error(predictor, part.series)
+        yield Run(errors, trained.curve)
+
+
+def free_run_error(
+    predictor: Analytical | NetworkPredictor, stretches: Sequence[Series],
+) -> float:
+    """RMS of the free run over the samples that are patterns; infinite if one diverges."""
+    plant = predictor.plant
+    error = rms(np.concatenate([
+        (predictor.free_run(series) - series[plant.output.name])[plant.order + 1:]
+        for series in stretches]))
+    return error if math.isfinite(error) else math.inf
+
+
+def rms(error: FloatArray) -> float:
+    """Root mean square, [B19] eq. 5."""
+    return float(np.sqrt(np.mean(np.square(error))))
+
+
+def five_numbers(errors: FloatArray) -> FloatArray:
+    """Minimum, quartiles and maximum, as in [B19] Tables 4 and 5; infinite errors rank last."""
+    numbers = np.quantile(np.minimum(errors, HUGE), [0.0, 0.25, 0.5, 0.75, 1.0])
+    return np.where(numbers > 1e-9 * HUGE, np.inf, numbers)
+
+
+def mann_whitney(first: FloatArray, second: FloatArray) -> float:
+    """p-value of the two-sided Mann-Whitney test, as in [B19] Tables 6 and 7."""
+    if np.ptp(np.concatenate([first, second])) == 0.0:
+        return 1.0                          # all equal, of which scipy makes 0/0
+    return float(mannwhitneyu(first, second).pvalue)

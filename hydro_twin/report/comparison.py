@@ -1,0 +1,183 @@
+"""A comparison of methods as an HTML page, a CSV table and a JSON object."""
+from __future__ import annotations
+
+from collections.abc import Mapping
+import csv
+from io import StringIO
+import json
+import math
+import os
+from pathlib import Path
+from typing import Any
+
+from jinja2 import Environment, PackageLoader, StrictUndefined
+from matplotlib import rc_context
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+import numpy as np
+
+from hydro_twin.errors import UserError
+from hydro_twin.fitting.study import five_numbers, mann_whitney, MODES, PARTS, Study, TITLES
+
+MODE_TITLES = {'one_step': 'one step', 'free_run': 'free run'}
+EXPERIMENTS = {'direct': 'as recorded', 'swapped': 'training and test data swapped'}
+NETWORKS = ('mlp', 'hybrid')
+
+
+def summary(studies: Mapping[str, Study]) -> dict[str, Any]:
+    """Lay studies out as plain numbers; an error of a run that diverged is None.
+
+    Args:
+        studies: by experiment, 'direct' and 'swapped'.
+    """
+    return {name: _experiment(study) for name, study in studies.items()}
+
+
+def _experiment(study: Study) -> dict[str, Any]:
+    methods = {}
+    for method, runs in study.runs.items():
+        errors = {(part, mode): study.errors(method, part, mode)
+                  for part in PARTS for mode in MODES}
+        curves = np.array([run.curve for run in runs])
+        methods[method] = {
+            'title': TITLES[method],
+            'runs': _by_key({key: _numbers(values) for key, values in errors.items()}),
+            'five_numbers': _by_key({key: _numbers(five_numbers(values))
+                                     for key, values in errors.items()}),
+            'diverged': int(np.isinf(errors['test', 'free_run']).sum()),
+            'curve': {'min': curves.min(0).tolist(), 'median': np.median(curves, 0).tolist(),
+                      'max': curves.max(0).tolist()},
+        }
+    p_values = {
+        (part, mode): {first: {second: mann_whitney(study.errors(first, part, mode),
+                                                    study.errors(second, part, mode))
+                               for second in study.runs} for first in study.runs}
+        for part in PARTS for mode in MODES}
+    return {'patterns': dict(study.patterns), 'persistence': dict(study.persistence),
+            'unconstrained': dict(study.unconstrained), 'methods': methods,
+            'mann_whitney': _by_key(p_values)}
+
+
+def _by_key(values: Mapping[tuple[str, str], Any]) -> dict[str, dict[str, Any]]:
+    return {part: {mode: values[part, mode] for mode in MODES} for part in PARTS}
+
+
+def _numbers(values: np.ndarray) -> list[float | None]:
+    return [float(value) if math.isfinite(value) else None for value in values]
+
+
+def table(experiments: Mapping[str, Any]) -> str:
+    """Write every single error as a row of a CSV table."""
+    text = StringIO()
+    writer = csv.writer(text)
+    writer.writerow(('experiment', 'method', 'run', 'part', 'mode', 'rms'))
+    for name, experiment in experiments.items():
+        for method, found in experiment['methods'].items():
+            for part in PARTS:
+                for mode in MODES:
+                    for run, error in enumerate(found['runs'][part][mode]):
+                        writer.writerow((name, method, run, part, mode,
+                                         'diverged' if error is None else repr(error)))
+    return text.getvalue()
+
+
+def page(result: Mapping[str, Any]) -> str:
+    """Write the HTML page, which needs no other file."""
+    environment = Environment(loader=PackageLoader('hydro_twin', 'report'), autoescape=True,
+                              undefined=StrictUndefined, trim_blocks=True, lstrip_blocks=True)
+    environment.filters['rms'] = lambda value: 'diverged' if value is None else f'{value:.5g}'
+    environment.filters['p'] = lambda value: f'{value:.2g}'
+    figures = {name: {'curves': learning_curves(experiment, result['unit']),
+                      'boxes': box_plots(experiment, result['unit'])}
+               for name, experiment in result['experiments'].items()}
+    return environment.get_template('comparison.html').render(
+        result=result, figures=figures, experiment_titles=EXPERIMENTS, parts=PARTS, modes=MODES,
+        mode_titles=MODE_TITLES, titles=TITLES)
+
+
+def learning_curves(experiment: Mapping[str, Any], unit: str) -> str:
+    """Draw the training error of every method as it learns, [B19] Fig. 2, as SVG."""
+    figure = Figure(figsize=(10, 4), layout='constrained')
+    left, right = figure.subplots(1, 2, sharey=True)
+    for method, found in experiment['methods'].items():
+        if method == 'least_squares':
+            continue                        # a curve over starts, not cycles
+        axes, curve = (right if method in NETWORKS else left), found['curve']
+        step = range(1, len(curve['median']) + 1)
+        line, = axes.plot(step, curve['median'], label=found['title'])
+        axes.fill_between(step, curve['min'], curve['max'], color=line.get_color(), alpha=0.2,
+                          linewidth=0)
+    for axes, what in ((left, 'cycle of 100 candidates'), (right, 'epoch')):
+        axes.set(xlabel=what, xscale='log', yscale='log')
+        axes.axhline(experiment['unconstrained']['train'], color='black', linestyle=':',
+                     label='linear without constraint')
+        axes.legend()
+    left.set_ylabel(f'RMS in training [{unit}]')
+    return svg(figure, 'curves')
+
+
+def box_plots(experiment: Mapping[str, Any], unit: str) -> str:
+    """Draw the errors of all runs as box plots, [B19] Fig. 3, as SVG."""
+    figure = Figure(figsize=(10, 7), layout='constrained')
+    grid = figure.subplots(2, 2)
+    for row, mode in enumerate(MODES):
+        for column, part in enumerate(PARTS):
+            _box_plot(grid[row, column], experiment, part, mode)
+        grid[row, 0].set_ylabel(f'RMS, {MODE_TITLES[mode]} [{unit}]')
+    return svg(figure, 'boxes')
+
+
+def _box_plot(axes: Axes, experiment: Mapping[str, Any], part: str, mode: str) -> None:
+    methods = experiment['methods'].values()
+    runs = [[error for error in found['runs'][part][mode] if error is not None]
+            for found in methods]
+    axes.boxplot(runs, whis=(0, 100))
+    axes.set_xticks(range(1, len(runs) + 1), [found['title'] for found in methods])
+    axes.set(title=part, yscale='log')
+    if mode == 'one_step':
+        axes.axhline(experiment['persistence'][part], color='tab:red', linestyle='--',
+                     label='last sample repeated')
+        axes.axhline(experiment['unconstrained'][part], color='black', linestyle=':',
+                     label='linear without constraint')
+        axes.legend(fontsize='small')
+
+
+def svg(figure: Figure, salt: str) -> str:
+    """Render a figure to be put into a page; the salt keeps the names inside it apart."""
+    text = StringIO()
+    with rc_context({'svg.hashsalt': salt, 'svg.fonttype': 'none'}):
+        figure.savefig(text, format='svg', metadata={'Date': None})
+    drawing = text.getvalue()
+    return drawing[drawing.index('<svg'):]
+
+
+def write_comparison(result: Mapping[str, Any], folder: Path) -> list[Path]:
+    """Write comparison.html, .csv and .json, all or none.
+
+    Args:
+        result: with 'experiments' as `summary` gives it, 'plant', 'unit', 'bags' and 'runs'.
+        folder: made if it is not there.
+
+    Raises:
+        UserError: the folder cannot be written to.
+    """
+    texts = {'html': page(result), 'csv': table(result['experiments']),
+             'json': json.dumps(result, allow_nan=False, indent=1)}
+    return write_all({folder / f'comparison.{kind}': text for kind, text in texts.items()})
+
+
+def write_all(texts: Mapping[Path, str]) -> list[Path]:
+    """Write files whole, and none before all can be."""
+    beside = {path: path.with_name(f'.{path.name}.{os.getpid()}') for path in texts}
+    try:
+        for path, text in texts.items():
+            path.parent.mkdir(parents=True, exist_ok=True)
+            beside[path].write_text(text, encoding='utf-8', newline='')
+        for path, part in beside.items():
+            part.replace(path)
+    except OSError as error:
+        raise UserError(f'{path}: cannot be written ({error.strerror})') from error
+    finally:
+        for part in beside.values():
+            part.unlink(missing_ok=True)
+    return list(texts)
