@@ -146,8 +146,8 @@ class _Walk:
     def field(self, kind: int, about: Any, path: str) -> None:
         """Walk one field; kinds and descriptions are those of `rosbags.interfaces.Nodetype`."""
         if kind in (3, 4):   # array, sequence
-            (kind, about), count = about
-            self.elements(int(kind), about, path, count if kind == 3 else self.length())
+            (item_kind, item), size = about
+            self.elements(int(item_kind), item, path, size if kind == 3 else self.length())
         elif kind == 2:   # message
             self.message(about, f'{path}.')
         elif about[0] == 'string':
