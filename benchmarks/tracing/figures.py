@@ -106,11 +106,11 @@ def _figures(lines: Sequence[Line]) -> list[str]:
                            lambda x: outcome(x) == 'right'))
         rows.append(_share(f'pair, {snr:.0f} dB, each shows alone: a third named', both,
                            lambda x: bool(set(named(x)) - set(x['effects']))))
-    floor = [x['report']['after']['free_run']['test'] / x['truth']['noise_rms']
-             for x in of('single') if outcome(x) == 'right']
-    if floor:
-        rows.append(f'| single, right: error after / noise, median (90 %) | {np.median(floor):.3f}'
-                    f' ({np.quantile(floor, 0.9):.3f}) | {len(floor)} |')
+    for kind in ('single', 'pair'):
+        ratios = [x['report']['after']['free_run']['test'] / x['true_error']
+                  for x in of(kind) if outcome(x) == 'right']
+        rows.append(_share(f"{kind}, right: test error within 10 % of the true structure's",
+                           ratios, lambda ratio: ratio <= 1.1))
     if lines:
         seconds = [x['seconds'] for x in lines]
         rows.append(f'| seconds a trace, median (largest) | {np.median(seconds):.1f}'
@@ -118,7 +118,7 @@ def _figures(lines: Sequence[Line]) -> list[str]:
     return rows
 
 
-def _share(title: str, some: Sequence[Line], is_so: Callable[[Line], bool]) -> str:
+def _share[T](title: str, some: Sequence[T], is_so: Callable[[T], bool]) -> str:
     count = sum(map(is_so, some))
     reached = f'{100 * count / len(some):.1f} % ({count})' if some else 'none run'
     return f'| {title} | {reached} | {len(some)} |'

@@ -20,6 +20,7 @@ from rich.progress import Progress
 from benchmarks.tracing.cases import Case, case_of, cases, FIRST_SEED, KINDS
 from benchmarks.tracing.figures import read, report
 from benchmarks.tracing.linear_fit import shows
+from benchmarks.tracing.true_fit import true_fit
 
 
 def main() -> None:
@@ -77,8 +78,10 @@ def trace_case(case: Case) -> dict[str, Any]:
     line: dict[str, Any] = {
         'seed': case.seed, 'kind': case.kind, 'effects': case.effects, 'snr_db': case.snr_db,
         'excitation': case.excitation, 'truth': rig.truth.summary(), 'shows': shows(rig),
-        'shows_alone': alone,
+        'shows_alone': alone, 'true_error': None,
     }
+    if case.kind in ('none', 'single', 'pair'):     # the library describes these
+        line['true_error'] = true_fit(rig)
     begin = time.perf_counter()
     try:
         found = trace(rig.recording(), LOAD_SIMULATOR, seed=0).report

@@ -6,13 +6,14 @@ from benchmarks.tracing.figures import outcome, report
 from benchmarks.tracing.laws import integrate, SAMPLE_TIME, SUBSTEPS
 from benchmarks.tracing.linear_fit import sampled, shows, UNITS
 from benchmarks.tracing.rigs import make_rig
+from benchmarks.tracing.true_fit import error, true_structure
 
 
 def line(kind, there, names, verdict='effect_found', ambiguous=(), certain=True):
     return {
         'seed': 1, 'kind': kind, 'effects': there, 'snr_db': 46.0, 'excitation': 'b19',
         'shows': 0.5, 'shows_alone': dict.fromkeys(there, 0.5), 'seconds': 1.0,
-        'truth': {'noise_rms': 0.1},
+        'true_error': 0.1,
         'report': {
             'verdict': verdict, 'ambiguous': ambiguous,
             'effects': [{'id': name, 'certain': certain} for name in names],
@@ -44,6 +45,19 @@ def test_report_counts():
     assert '| nothing added: an effect named | 25.0 % (1) | 4 |' in text
     assert '| outside: an effect certain | 50.0 % (1) | 2 |' in text
     assert '| outside: an effect named | 100.0 % (2) | 2 |' in text
+
+
+def test_report_compares_with_the_true_structure():
+    near, far = (line('single', ['delay'], ['delay']) for _ in range(2))
+    far['true_error'] = 0.08
+    assert "within 10 % of the true structure's | 50.0 % (1) | 2 |" in report([near, far])
+
+
+def test_true_structure_is_the_rig():
+    rig = make_rig(22, 'pair', ('dead_zone', 'ripple'))
+    assert not rig.truth.running
+    left = error(true_structure(rig), rig.recording())
+    assert left == pytest.approx(rig.truth.noise_rms, rel=0.03)
 
 
 def test_cases_are_distinct_and_known_by_their_seed():
