@@ -9,6 +9,7 @@ from itertools import pairwise
 import math
 from pathlib import Path
 from typing import Any
+import warnings
 
 import numpy as np
 
@@ -193,11 +194,13 @@ def _load_csv(path: Path, wanted: set[str]) -> dict[str, FloatArray]:
               else path.open(encoding='utf-8-sig')) as file:
             line = file.readline()
             delimiter = max(',;\t', key=line.count)
-            names = [name.strip() for name in next(csv.reader([line], delimiter=delimiter), [])]
+            header = csv.reader([line], delimiter=delimiter, skipinitialspace=True)
+            names = [name.strip() for name in next(header, [])]
             _missing(path, wanted, names)
             order = sorted(wanted)
-            data = np.loadtxt(file, delimiter=delimiter, comments=None, quotechar='"', ndmin=2,
-                              usecols=[names.index(name) for name in order])
+            with warnings.catch_warnings(action='ignore'):   # 'no data' is said below
+                data = np.loadtxt(file, delimiter=delimiter, comments=None, quotechar='"',
+                                  ndmin=2, usecols=[names.index(name) for name in order])
     except (OSError, EOFError, UnicodeDecodeError, ValueError) as error:
         raise BagError(f'{path} cannot be read: {error}') from None
     if len(data) == 0:
