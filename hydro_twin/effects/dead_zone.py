@@ -18,6 +18,11 @@ def starts(span: Span) -> Starts:
     return [(share * span.value, 0.0) for share in (0.01, 0.03, 0.08, 0.2, 0.4)]
 
 
+def refined(span: Span, values: tuple[float, ...]) -> Starts:
+    """A zone that is not in the middle."""
+    return [(values[0], 0.2 * values[0]), (values[0], -0.2 * values[0])]
+
+
 EFFECT = Effect(
     id='dead_zone',
     title='dead zone',
@@ -28,5 +33,6 @@ EFFECT = Effect(
                         refinement=0.0),
     ),
     starts=starts,
+    refined=refined,
     law=law,
 )

@@ -63,6 +63,8 @@ class Effect:
         reads: the signals of the port it reads, in the order of s.
         memory: how many numbers it keeps.
         starts: what the recording reaches -> sets of parameters to begin a search at.
+        refined: what the recording reaches and the parameters of the simple law -> sets of
+            parameters to begin at with refinements let in.
         implicit: the law takes the signals as they would be without it, and answers with what
             holds at the end of the step: for forces that jump with the velocity.
         shifts: a pure delay of these inputs ('held' or 'all'), which has no law.
@@ -73,6 +75,7 @@ class Effect:
     kinds: tuple[str, ...]
     parameters: tuple[EffectParameter, ...]
     starts: Callable[[Span], Starts]
+    refined: Callable[[Span, tuple[float, ...]], Starts] | None = None
     law: Callable[..., Any] | None = None
     reads: tuple[str, ...] = ()
     memory: int = 0

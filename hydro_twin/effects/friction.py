@@ -36,9 +36,17 @@ def law(v, s, p, z, h, c, z_next):  # type: ignore[no-untyped-def]
 
 def starts(span: Span) -> Starts:
     """Sliding force against the largest force seen; breakaway and bristles left out."""
-    velocity = 0.05 * span.signals['velocity']
-    return [(share * span.value, 0.0, velocity, math.inf)
+    return [(share * span.value, 0.0, 1.0, math.inf)
             for share in (0.003, 0.01, 0.03, 0.1, 0.25, 0.5)]
+
+
+def refined(span: Span, values: tuple[float, ...]) -> Starts:
+    """Bristles, then a force to break away, then both."""
+    F_c = values[0]
+    v_s = 0.05 * span.signals['velocity']
+    sigma = F_c / (0.01 * span.signals['position'])
+    return [(F_c, 0.0, 1.0, sigma), (F_c, 0.3 * F_c, v_s, math.inf),
+            (F_c, 0.3 * F_c, v_s, sigma)]
 
 
 EFFECT = Effect(
@@ -56,6 +64,7 @@ EFFECT = Effect(
                         'value/position', 1e-6, math.inf, refinement=math.inf),
     ),
     starts=starts,
+    refined=refined,
     law=law,
     memory=1,
     implicit=True,

@@ -24,6 +24,11 @@ def starts(span: Span) -> Starts:
     return [(share * span.value, 1.0) for share in (0.005, 0.02, 0.06, 0.15, 0.35)]
 
 
+def refined(span: Span, values: tuple[float, ...]) -> Starts:
+    """Small movements that pass in part."""
+    return [(values[0], 0.5)]
+
+
 EFFECT = Effect(
     id='hysteresis',
     title='hysteresis',
@@ -34,6 +39,7 @@ EFFECT = Effect(
                         refinement=1.0),
     ),
     starts=starts,
+    refined=refined,
     law=law,
     memory=2,
 )

@@ -20,7 +20,8 @@ from hydro_twin.predictors.system import System, assemble
 from hydro_twin.recording.series import Recording
 
 START = 50              # samples at the begin of a part that set its state, and are not scored
-PRIOR = 1e-4            # weight of the box's middle, as a share of the output: see `Problem`
+WALL = 3e-3             # weight of the search box, see `Problem`
+MIDDLE = 1e-4           # weight of its middle
 THREADS = 2
 
 
@@ -152,9 +153,29 @@ def plant_unknowns(plant: Plant, within: str) -> list[Unknown]:
     """
     if within == 'box':
         return [Unknown(p.name, '', p.lower, p.upper, True) for p in plant.parameters]
-    left = {name for combination in plant.combinations for name in list(combination)[1:]}
+    left = left_alone(plant)
     return [Unknown(p.name, '', p.minimum, p.maximum, True) for p in plant.parameters
             if p.name not in left]
+
+
+def left_alone(plant: Plant) -> set[str]:
+    """Name the parameters that stay where they are, since others can stand in for them."""
+    return {name for combination in plant.combinations for name in list(combination)[1:]}
+
+
+def usual(plant: Plant) -> dict[str, tuple[float, float]]:
+    """Logarithmic search box of each parameter, where those left alone stand in the middle.
+
+    The box of a parameter that stands for a combination is that of the combination.
+    """
+    box = {p.name: (math.log(p.lower), math.log(p.upper)) for p in plant.parameters}
+    for combination in plant.combinations:
+        first, *others = combination
+        sign = combination[first]
+        room = sum(0.5 * (box[name][1] - box[name][0]) for name in others)
+        assert abs(sign) == 1
+        box[first] = (box[first][0] - room, box[first][1] + room)
+    return box
 
 
 def effect_unknowns(index: int, placed: Placed) -> list[Unknown]:
@@ -215,6 +236,7 @@ class Fit:
         jacobian: its derivative by the coordinates of the unknowns, with the sign of a rise of
             the output, shape (N, d).
         lengths: scored samples of each part.
+        pulled: what leaving the usual values costs, as a sum of squares.
     """
 
     candidate: Candidate
@@ -222,6 +244,13 @@ class Fit:
     residual: FloatArray
     jacobian: FloatArray
     lengths: tuple[int, ...]
+    pulled: float
+
+    @property
+    def cost(self) -> float:
+        """Root mean square of the residual with what leaving the usual values costs."""
+        return math.sqrt((float(self.residual @ self.residual) + self.pulled)
+                         / max(len(self.residual), 1))
 
     @property
     def error(self) -> float:
@@ -256,9 +285,10 @@ def label(unknown: Unknown) -> str:
 class Problem:
     """The search for unknowns on parts, by the residual of the free run.
 
-    A weak pull to the middle of the box (the start, for effects) keeps directions that the data
-    do not determine from running away; it weighs as much as one sample with a ten-thousandth of
-    the output's size.
+    Where the data do not determine a direction, or an effect that is lacking bends the fit, it
+    would run off to values no rig has. So leaving the search box by a factor of e costs as much
+    as an error of 0.3 % of the output all over, and a still weaker pull keeps to its middle (to
+    the start, for effects).
     """
 
     def __init__(self, base: Candidate, unknowns: Sequence[Unknown], parts: Sequence[Part]
@@ -269,11 +299,19 @@ class Problem:
         self.size = max(rms(np.concatenate([p.measured - p.measured.mean() for p in parts])),
                         1e-300)
         self.lengths = tuple(len(part.measured) - START for part in parts)
-        self.middle = np.array([u.coordinate(self._middle(u)) for u in self.unknowns])
+        box = usual(base.plant)
+        edges = [box[u.name] if u.owner == '' else (-math.inf, math.inf) for u in self.unknowns]
+        self.low, self.high = np.array(edges).T
+        starts = [u.coordinate(get(base, u)) for u in self.unknowns]
+        self.middle = np.array([0.5 * (low + high) if math.isfinite(low) else start
+                                for (low, high), start in zip(edges, starts, strict=True)])
 
-    def _middle(self, unknown: Unknown) -> float:
-        box = {p.name: math.sqrt(p.lower * p.upper) for p in self.base.plant.parameters}
-        return box[unknown.name] if unknown.owner == '' else get(self.base, unknown)
+    def pull(self, coordinates: FloatArray) -> FloatArray:
+        """What the coordinates cost by themselves, (2 d,), to be squared."""
+        outside = np.maximum(np.maximum(coordinates - self.high, self.low - coordinates), 0.0)
+        return self.size * np.concatenate([
+            WALL * math.sqrt(sum(self.lengths)) * outside,
+            MIDDLE * (coordinates - self.middle)])
 
     def candidate(self, coordinates: FloatArray) -> Candidate:
         """Set the coordinates of the unknowns."""
@@ -284,13 +322,13 @@ class Problem:
         """Residual of all parts, then the pull; a run that diverged counts as very far off."""
         candidate = self.candidate(coordinates)
         pieces = [candidate.residual(part) for part in self.parts]
-        pieces.append(PRIOR * self.size * (coordinates - self.middle))
+        pieces.append(self.pull(coordinates))
         whole = np.concatenate(pieces)
         far = 1e3 * self.size
         return np.clip(np.nan_to_num(whole, nan=far), -far, far)
 
     def jacobian(self, coordinates: FloatArray, at: FloatArray | None = None) -> FloatArray:
-        """Differences of the residual by each coordinate, (N + d, d)."""
+        """Differences of the residual by each coordinate, (N + 2 d, d)."""
         lower, upper = self.bounds()
         step = np.full(len(coordinates), 1e-5)
         step[coordinates + step > upper] *= -1.0
@@ -320,8 +358,9 @@ class Problem:
                               method='trf', x_scale=1.0, max_nfev=evaluations, ftol=tolerance,
                               xtol=1e-8, gtol=1e-12)
         scored = sum(self.lengths)
+        pulled = found.fun[scored:]
         return Fit(self.candidate(found.x), self.unknowns, found.fun[:scored],
-                   -found.jac[:scored], self.lengths)
+                   -found.jac[:scored], self.lengths, float(pulled @ pulled))
 
 
 def in_parallel(function: Callable[[FloatArray], FloatArray], arguments: Sequence[FloatArray]
@@ -367,4 +406,4 @@ def fit_linear(plant: Plant, parts: Sequence[Part], constants: Mapping[str, floa
 
     tried = [draws[0], *sorted(draws[1:], key=far)[:starts - 1]]
     fits = [Problem(candidate, unknowns, parts).solve() for candidate in tried]
-    return min(fits, key=lambda fit: fit.error)
+    return min(fits, key=lambda fit: fit.cost)

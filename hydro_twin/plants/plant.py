@@ -65,7 +65,7 @@ class Port:
     kind: str
     unit: str
     meaning: str
-    signals: Mapping[str, str] = field(default_factory=dict)
+    signals: Mapping[str, str] = field(default_factory=dict, hash=False)
 
 
 @dataclass(frozen=True)

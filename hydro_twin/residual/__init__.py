@@ -1,0 +1,1 @@
+"""The residual: is anything left, what is it, and is that certain."""

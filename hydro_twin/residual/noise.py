@@ -1,0 +1,119 @@
+"""What a residual looks like by itself: noise floor, memory, spectral lines, whiteness."""
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from scipy import linalg, signal, stats
+
+from hydro_twin.plants.plant import FloatArray
+
+LAGS = 25
+CONFIDENCE = 0.99
+
+
+def noise_floor(stretches: Sequence[FloatArray]) -> float:
+    """Estimate the RMS of the noise from the upper third of the residual's spectrum.
+
+    Above some 150 Hz none of the plants passes anything on; what is there is noise, taken as
+    white down to zero. Where the noise is coloured this is not its whole RMS.
+    """
+    levels, weights = [], []
+    for r in stretches:
+        n = min(256, len(r))
+        frequency, density = signal.welch(r, fs=1.0, nperseg=n, detrend='linear')
+        upper = density[frequency > 0.33]
+        levels.append(float(np.median(upper)) / 0.5 / _median_bias(len(r), n))
+        weights.append(len(r))
+    return float(np.sqrt(np.average(levels, weights=weights) * 0.25))
+
+
+def _median_bias(samples: int, segment: int) -> float:
+    """Median over mean of a spectral estimate that averages this many half-covered segments."""
+    segments = max(1, 2 * samples // segment - 1)
+    freedom = 2.0 * max(1.0, segments * 9.0 / 11.0)         # Hann, half overlap [Welch 1967]
+    return float(stats.chi2.median(freedom) / freedom)
+
+
+def autoregression(stretches: Sequence[FloatArray], order: int = 6) -> FloatArray:
+    """Fit an autoregressive model (Yule-Walker); returns the whitening filter [1, a1, ...]."""
+    correlation = sum(
+        (np.array([r[:len(r) - lag] @ r[lag:] for lag in range(order + 1)]) for r in stretches),
+        np.zeros(order + 1))
+    if correlation[0] <= 0.0:
+        return np.eye(1, order + 1)[0]
+    correlation[0] *= 1.0 + 1e-9
+    a = linalg.solve_toeplitz(correlation[:-1], correlation[1:])
+    return np.concatenate([[1.0], -a])
+
+
+def whiten(stretches: Sequence[FloatArray], filter_: FloatArray) -> FloatArray:
+    """Filter every stretch and join them, without the samples that lack a past."""
+    cut = len(filter_) - 1
+    return np.concatenate([signal.lfilter(filter_, 1.0, r)[cut:] for r in stretches])
+
+
+def is_white(stretches: Sequence[FloatArray]) -> bool:
+    """Ljung-Box test over 25 lags at 99 %, each stretch by itself, together by their sum."""
+    statistic, freedom = 0.0, 0
+    for r in stretches:
+        n = len(r)
+        centred = r - r.mean()
+        power = centred @ centred
+        if n <= 2 * LAGS or power <= 0.0:
+            continue
+        rho = np.array([centred[lag:] @ centred[:n - lag] for lag in range(1, LAGS + 1)]) / power
+        statistic += n * (n + 2) * float(np.sum(rho**2 / (n - np.arange(1, LAGS + 1))))
+        freedom += LAGS
+    return freedom == 0 or statistic < stats.chi2.ppf(CONFIDENCE, freedom)
+
+
+@dataclass(frozen=True)
+class Line:
+    """A spectral line: frequency [Hz], amplitude in the unit of the residual."""
+
+    frequency: float
+    amplitude: float
+
+
+def lines(stretches: Sequence[FloatArray], sample_time: float, most: int = 5) -> list[Line]:
+    """Find frequencies that stand out of the residual in every stretch long enough.
+
+    Fisher's test of each periodogram against its own local level (a running median), so that
+    coloured noise has no lines; at 99.9 % for all frequencies together.
+    """
+    long = [r for r in stretches if len(r) >= 200]
+    if not long:
+        return []
+    n = max(len(r) for r in long)
+    size = 1 << (4 * n - 1).bit_length()
+    frequency = np.fft.rfftfreq(size, sample_time)
+    ratio = np.zeros(len(frequency))
+    amplitude = np.zeros(len(frequency))
+    for r in long:
+        window = signal.windows.hann(len(r), sym=False)
+        spectrum = np.abs(np.fft.rfft((r - r.mean()) * window, size)) ** 2
+        width = 16 * size // len(r) | 1
+        level = _running_median(spectrum, width) / np.log(2.0)
+        ratio += spectrum / np.maximum(level, 1e-300)
+        amplitude += 2.0 * np.sqrt(spectrum) / window.sum() / len(long)
+    tests = n / 2 * len(long)
+    threshold = stats.gamma.isf(1e-3 / tests, len(long)) * 1.5
+    found: list[Line] = []
+    reach = 4.0 / (min(len(r) for r in long) * sample_time)
+    for k in np.argsort(ratio)[::-1]:
+        if ratio[k] < threshold or len(found) == most:
+            break
+        if frequency[k] > reach and all(abs(frequency[k] - line.frequency) > reach
+                                        for line in found):
+            found.append(Line(float(frequency[k]), float(amplitude[k])))
+    return sorted(found, key=lambda line: line.frequency)
+
+
+def _running_median(values: FloatArray, width: int) -> FloatArray:
+    """Median in a window of a few hundred bins, on a coarse grid, interpolated."""
+    step = max(1, width // 4)
+    centres = np.arange(0, len(values), step)
+    medians = [np.median(values[max(0, c - width):c + width + 1]) for c in centres]
+    return np.interp(np.arange(len(values)), centres, medians)

@@ -1,0 +1,100 @@
+"""Screening: how much of a residual each effect could explain that re-tuning could not.
+
+A score test with steps of finite size [Rao 1948; here on a grid, since a dead zone or a backlash
+has no slope at zero]: add the effect, run, take off what the fitted parameters could do as well,
+and correlate with the residual.
+"""
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from hydro_twin.effects import EFFECTS, Effect, Placed, Span, sites
+from hydro_twin.fitting.free_run import START, Candidate, Fit, Part, in_parallel
+from hydro_twin.plants import Plant, Port
+from hydro_twin.plants.plant import FloatArray
+
+
+@dataclass(frozen=True)
+class Prospect:
+    """An effect on a port with a start for its search.
+
+    Attributes:
+        share: of the residual's power that it explains at that start, scaled to fit.
+        gain: the scale that fits; near 1 the start is about right.
+    """
+
+    placed: Placed
+    share: float
+    gain: float
+
+
+def spans(candidate: Candidate, parts: Sequence[Part]) -> dict[Port, Span]:
+    """Find how far each port and signal moves when the candidate runs over the parts."""
+    plant = candidate.plant
+    largest = np.zeros(len(candidate.system.O))
+    for part in parts:
+        seen = np.zeros((len(part.inputs), len(largest)))
+        candidate.run(part, seen)
+        largest = np.maximum(largest, np.abs(np.nan_to_num(seen)).max(axis=0))
+    found, at = {}, len(plant.ports)
+    for row, port in enumerate(plant.ports):
+        signals = dict(zip(port.signals, map(float, largest[at:at + len(port.signals)]),
+                           strict=True))
+        at += len(port.signals)
+        found[port] = Span(max(float(largest[row]), 1e-12),
+                           {name: max(value, 1e-12) for name, value in signals.items()},
+                           candidate.sample_time)
+    return found
+
+
+def places(plant: Plant, taken: Sequence[Placed]) -> list[tuple[Effect, Port]]:
+    """List every effect on every port it may sit on, less those taken."""
+    used = {(placed.effect, placed.port) for placed in taken}
+    return [(effect, port) for effect in EFFECTS for port in sites(effect, plant)
+            if (effect, port) not in used]
+
+
+def screen(fit: Fit, parts: Sequence[Part], each: int = 2) -> list[Prospect]:
+    """Rank effects by what they explain of the residual of a fit.
+
+    Returns:
+        For every effect and port its best starts, at most `each`, best effect first.
+    """
+    base = fit.candidate
+    reach = spans(base, parts)
+    basis, _ = np.linalg.qr(fit.jacobian)
+    residual = fit.residual - basis @ (basis.T @ fit.residual)
+    power = float(residual @ residual)
+    runs = np.concatenate([part.measured[START:] for part in parts]) - fit.residual
+    starts = [Placed(effect, port, tuple(values))
+              for effect, port in places(base.plant, base.effects)
+              for values in effect.starts(reach[port])
+              if all(p.lower <= v <= p.upper for p, v in
+                     zip(effect.parameters, values, strict=True))]
+
+    def response(placed: Placed) -> FloatArray:
+        candidate = replace(base, effects=(*base.effects, placed))
+        return np.concatenate([candidate.run(part)[START:] for part in parts]) - runs
+
+    prospects: dict[tuple[str, str], list[Prospect]] = {}
+    for placed, moved in zip(starts, in_parallel(response, starts), strict=True):
+        moved = moved - basis @ (basis.T @ moved)
+        size = float(moved @ moved)
+        along = float(moved @ residual)
+        if not math.isfinite(size) or size <= 0.0 or along <= 0.0:
+            continue
+        prospect = Prospect(placed, along**2 / (size * power), along / size)
+        prospects.setdefault((placed.effect.id, placed.port.kind + placed.port.name),
+                             []).append(prospect)
+    best = [sorted(some, key=_promise, reverse=True)[:each] for some in prospects.values()]
+    return [p for some in sorted(best, key=lambda some: _promise(some[0]), reverse=True)
+            for p in some]
+
+
+def _promise(prospect: Prospect) -> float:
+    """Share explained, less where the start is far too weak or too strong to trust its shape."""
+    return prospect.share / (1.0 + 0.05 * math.log(prospect.gain) ** 2)
