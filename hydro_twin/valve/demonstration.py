@@ -14,9 +14,11 @@ import numpy as np
 
 from hydro_twin.errors import UserError
 from hydro_twin.predictors.analytical import Analytical
-from hydro_twin.recording.series import FloatArray, Series
+from hydro_twin.recording.series import Series
 from hydro_twin.recording.signals import load_signals
 from hydro_twin.recording.write import write_recording
+from hydro_twin.simulation.sensor import measure
+from hydro_twin.simulation.simulate import simulate
 from hydro_twin.valve.closed_loop import run_loop
 from hydro_twin.valve.event import LOAD, load_loop_constants, simulated_frequency
 from hydro_twin.valve.flow_characteristic import default_characteristic, FlowCharacteristic
@@ -26,8 +28,8 @@ NOISE = 5e-4            # standard deviation, of nominal
 RESOLUTION = 5e-4       # of nominal: 11 bits
 FREQUENCY_RESOLUTION = 1e-3     # Hz
 EVENT_SAMPLE_TIME = 0.05        # s
-STEPS = (0.3, 0.6, 0.4, 0.8, 0.7, 0.9, 0.5, 0.5)        # commands, below the limit
-LIMIT_STEPS = (0.6, 0.9, 1.08, 0.8, 1.1, 0.95, 1.09, 0.7)       # with d_1 = 1.05
+STEPS = (0.0, 0.6, 0.4, 0.8, 0.7, 0.9, 0.5, 0.5)        # commands, below the limit
+LIMIT_STEPS = (0.0, 0.9, 1.08, 0.8, 1.1, 0.95, 1.09, 0.7)       # with d_1 = 1.05
 HOLD = 1.0              # s
 
 
@@ -59,23 +61,25 @@ def write_demonstration(folder: Path) -> None:
     about = {'origin': 'simulated: valve servo with the parameters of [L18], '
                        'python -m hydro_twin.valve.demonstration'}
     for name, levels in (('valve_steps', STEPS), ('valve_limit', LIMIT_STEPS)):
-        write_recording(folder / name, [recorded_steps(levels, curve, rng)], servo_signals, about)
-    write_recording(folder / 'valve_event', [recorded_event(curve, rng)],
+        steps = measured(simulated_steps(levels, curve), ['opening'], rng)
+        write_recording(folder / name, [steps], servo_signals, about)
+    event = measured(simulated_event(curve), ['opening', 'power'], rng)
+    write_recording(folder / 'valve_event', [event],
                     {**loop_signals, 'command': servo_signals['command']}, about)
 
 
-def recorded_steps(levels: Sequence[float], curve: FlowCharacteristic,
-                   rng: np.random.Generator) -> Series:
-    """Simulate a step test, with the limit of the curve, noise and resolution."""
-    servo = Analytical(with_limit(published(), curve))
-    command = np.repeat(levels, round(HOLD / servo.sample_time)).astype(float)
-    still = Series({'command': command, 'opening': np.full(len(command), command[0])},
-                   servo.sample_time)
-    return Series({'command': command, 'opening': recorded(servo.free_run(still), rng)},
-                  servo.sample_time)
+def simulated_steps(levels: Sequence[float], curve: FlowCharacteristic) -> Series:
+    """Integrate the published servo, with the limit of the curve, over held commands."""
+    model = with_limit(published(), curve)
+    last = len(levels) - 1
+    held = np.array(levels)
+    return simulate(
+        model.plant, model.values, model.placed,
+        {'command': lambda t: held[np.minimum((t / HOLD + 1e-9).astype(int), last)]},
+        duration=HOLD * len(levels))
 
 
-def recorded_event(curve: FlowCharacteristic, rng: np.random.Generator) -> Series:
+def simulated_event(curve: FlowCharacteristic) -> Series:
     """Simulate a fall of the grid's frequency in closed loop, recorded every 50 ms."""
     servo = Analytical(with_limit(published(), curve))
     constants = load_loop_constants()
@@ -85,15 +89,16 @@ def recorded_event(curve: FlowCharacteristic, rng: np.random.Generator) -> Serie
     return Series({
         'frequency': np.round(frequency[every] / FREQUENCY_RESOLUTION) * FREQUENCY_RESOLUTION,
         'command': run.command[every],
-        'opening': recorded(run.opening[every], rng),
-        'power': recorded(run.power[every], rng),
+        'opening': run.opening[every],
+        'power': run.power[every],
     }, EVENT_SAMPLE_TIME)
 
 
-def recorded(values: FloatArray, rng: np.random.Generator) -> FloatArray:
-    """Add noise, and round to the resolution."""
-    noisy = values + NOISE * rng.standard_normal(len(values))
-    return np.asarray(np.round(noisy / RESOLUTION) * RESOLUTION)
+def measured(series: Series, signals: Sequence[str], rng: np.random.Generator) -> Series:
+    """Give signals the noise and the resolution of a plant's data acquisition."""
+    for signal in signals:
+        series, _ = measure(series, signal, None, NOISE, RESOLUTION, rng)
+    return series
 
 
 if __name__ == '__main__':

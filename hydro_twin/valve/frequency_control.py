@@ -10,6 +10,7 @@ from dataclasses import dataclass, replace
 import json
 from pathlib import Path
 import sys
+from typing import Any
 
 import numpy as np
 
@@ -22,6 +23,7 @@ from hydro_twin.recording.series import FloatArray
 from hydro_twin.recording.signals import load_signals
 from hydro_twin.valve.closed_loop import agreement, Run, run_loop
 from hydro_twin.valve.event import CONSTANTS, LOAD, load_loop_constants, simulated_frequency
+from hydro_twin.valve.files import write_whole
 from hydro_twin.valve.flow_characteristic import default_characteristic, read_characteristic
 from hydro_twin.valve.power_control import power_asked
 from hydro_twin.valve.servo_model import published, read_servo, with_limit
@@ -58,18 +60,22 @@ def main(arguments: Sequence[str] | None = None) -> int:
                         help='flow characteristic, opening against flow (default: a typical one)')
     parser.add_argument('--config', type=Path, metavar='FILE',
                         help='signals and constants (default: config/frequency_control.yaml)')
+    parser.add_argument('--json', action='store_true', help='print one JSON object')
     args = parser.parse_args(arguments)
     try:
         result = compare(args.bag, args.output, args.model, args.curve, args.config)
     except (UserError, OSError) as error:
         print(f'{parser.prog}: {" ".join(str(error).split())}', file=sys.stderr)
         return 2
-    print(json.dumps(plain(result), indent=2, allow_nan=False))
+    if args.json:
+        print(json.dumps(plain(result), allow_nan=False))
+    else:
+        show(result)
     return 0
 
 
 def compare(bag: Path | None, folder: Path, model: Path | None = None, curve: Path | None = None,
-            config: Path | None = None) -> dict[str, object]:
+            config: Path | None = None) -> dict[str, Any]:
     """Simulate an event with both servos; writes comparison.json and comparison.png.
 
     Args:
@@ -99,7 +105,7 @@ def compare(bag: Path | None, folder: Path, model: Path | None = None, curve: Pa
         for name, servo in servos.items():
             runs[name] = run_loop(servo, characteristic, frequency, load, constants)
             done()
-    result: dict[str, object] = {
+    result: dict[str, Any] = {
         'bag': bag, 'model': model, 'd_1': characteristic.d_1, 'load': load,
         'constants': {c.name: {'value': constants[c.name], 'unit': c.unit, 'meaning': c.meaning}
                       for c in CONSTANTS},
@@ -107,14 +113,14 @@ def compare(bag: Path | None, folder: Path, model: Path | None = None, curve: Pa
                    for name, run in runs.items()},
     }
     reference = measured or runs['nonlinear']
-    result['against'] = 'recording' if measured else 'nonlinear'
+    result['against'] = 'recording' if measured else 'nonlinear servo'
     result['agreement'] = {
         name: {'opening': agreement(reference.opening, run.opening),
                'power': agreement(reference.power, run.power)}
         for name, run in runs.items() if run is not reference}
     folder.mkdir(parents=True, exist_ok=True)
     _draw(frequency, T, measured, runs, folder / 'comparison.png')
-    _write(folder / 'comparison.json', json.dumps(plain(result), indent=2).encode())
+    write_whole(folder / 'comparison.json', json.dumps(plain(result), indent=2).encode())
     return result
 
 
@@ -157,14 +163,20 @@ def _draw(frequency: FloatArray, sample_time: float, measured: Measured | None,
     rest[-1].set_xlabel('time [s]')
     image = BytesIO()
     figure.savefig(image, format='png', dpi=120)
-    _write(path, image.getvalue())
+    write_whole(path, image.getvalue())
 
 
-def _write(path: Path, content: bytes) -> None:
-    """Write a file whole or not at all."""
-    part = path.with_name(f'.{path.name}.part')
-    part.write_bytes(content)
-    part.replace(path)
+def show(result: Mapping[str, Any]) -> None:
+    """Print fit degree and steady error of each servo."""
+    from rich.console import Console
+    from rich.table import Table
+
+    table = Table('servo', 'signal', 'fit degree [%]', 'steady error [%]',
+                  title=f'Against the {result["against"]}; d_1 = {result["d_1"]:g}')
+    for servo, signals in result['agreement'].items():
+        for signal, figures in signals.items():
+            table.add_row(servo, signal, *(f'{value:.3f}' for value in figures.values()))
+    Console().print(table)
 
 
 if __name__ == '__main__':

@@ -6,7 +6,7 @@ import pytest
 
 from hydro_twin.recording.read import read_recording
 from hydro_twin.recording.signals import load_signals
-from hydro_twin.valve import demonstration, event
+from hydro_twin.valve import event
 from hydro_twin.valve.demonstration import main, NOISE, RESOLUTION
 from hydro_twin.valve.frequency_control import compare
 
@@ -23,11 +23,11 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
 def test_steps_are_as_a_plant_records_them(folder: Path) -> None:
     signals = load_signals('valve_servo', ('command', 'opening'))
     steps, = read_recording([folder / 'valve_steps'], signals, {'command'}, 0.002).series
-    assert len(steps) == 4000
+    assert len(steps) == 4001
     grains = steps['opening'] / RESOLUTION
     assert grains == pytest.approx(np.round(grains), abs=1e-6)
-    rest = steps['opening'][:400]
-    assert rest.mean() == pytest.approx(demonstration.STEPS[0], abs=1e-4)
+    rest = steps['opening'][:499]
+    assert rest.mean() == pytest.approx(0, abs=1e-4)
     assert rest.std() == pytest.approx(np.hypot(NOISE, RESOLUTION / 12**0.5), rel=0.2)
 
 

@@ -13,7 +13,7 @@ def test_without_a_bag_the_linear_servo_overshoots_the_limit(
         tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str],
 ) -> None:
     monkeypatch.setattr(event, 'EVENT', ((0, 0.0), (1, 0.0), (2, -1.0), (25, -1.0)))
-    assert main(['-o', str(tmp_path / 'out')]) == 0
+    assert main(['-o', str(tmp_path / 'out'), '--json']) == 0
     printed = json.loads(capsys.readouterr().out)
     assert json.loads((tmp_path / 'out' / 'comparison.json').read_text()) == printed
     assert printed['steady']['nonlinear']['opening'] == pytest.approx(1.05)
