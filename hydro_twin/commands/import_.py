@@ -30,6 +30,7 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
     Raises:
         UserError: the table or the map file is wrong, or the bag exists already.
     """
+    from hydro_twin.commands.common import progress
     from hydro_twin.errors import UserError
     from hydro_twin.plants import plant_named
     from hydro_twin.recording.digest import source_of
@@ -46,7 +47,8 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
     series = read_table(args.table, table_map)
     source = source_of(args.table)
     about = {'table': args.table.name, 'sha256': source.sha256, 'origin': table_map.origin}
-    write_recording(args.output, series, signals, about)
+    with progress('writing'):
+        write_recording(args.output, series, signals, about)
     return {
         'bag': str(args.output),
         'plant': plant.name,

@@ -12,6 +12,7 @@ from hydro_twin.recording.series import FloatArray, Series
 
 MAX_GAP = 5.0   # sample times, or periods of a slower signal, that a pause may last
 MIN_SAMPLES = 10   # shorter stretches hold nothing to learn from
+FEWEST_STEADY = 20   # pauses, to tell that a command is sent at a rate
 STEADY_SHARE = 0.9   # of the pauses of a command within half a period: it is sent at a rate
 SLACK = 0.1   # of a sample time: a held signal without stamps may be this late
 
@@ -74,10 +75,10 @@ def interpolate(times: IntArray, values: FloatArray, grid: IntArray) -> FloatArr
 def _stretches(times: IntArray, step: float, is_held: bool) -> tuple[IntArray, IntArray]:
     """Find the first and last times of the stretches without a gap."""
     pauses = np.diff(times)
-    if len(pauses) == 0:
-        return times[:1], times[:1]
-    period = max(float(np.median(pauses)), step)
-    steady = np.mean(np.abs(pauses - np.median(pauses)) <= 0.5 * period) >= STEADY_SHARE
+    typical = float(np.median(pauses)) if len(pauses) else 0.0
+    period = max(typical, step)
+    steady = len(pauses) >= FEWEST_STEADY and (
+        np.mean(np.abs(pauses - typical) <= 0.5 * period) >= STEADY_SHARE)
     gaps = np.flatnonzero(pauses > MAX_GAP * period)
     if is_held and not steady:   # sent when it changes: it is known however long it rests
         gaps = gaps[:0]

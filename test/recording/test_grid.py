@@ -95,6 +95,13 @@ def test_a_command_sent_when_it_changes_is_held_however_long():
     assert np.flatnonzero(np.diff(series['u'])).tolist() == [699, 709, 1799]
 
 
+def test_a_command_sent_once_is_held_to_the_end():
+    u = samples([40 * STEP], [7.0])
+    (series,) = to_grid({'u': u, 'y': samples(STEP * np.arange(3000))}, ['u'], DT)
+    assert series.start == 40 * STEP
+    assert series['u'].tolist() == [7.0] * 2960
+
+
 def test_a_stream_of_commands_that_stops_is_not_invented():
     u = samples(STEP * np.concatenate([np.arange(200), np.arange(400, 600)]))
     found = to_grid({'u': u, 'y': samples(STEP * np.arange(600))}, ['u'], DT)
