@@ -4,7 +4,7 @@ RUN := $(UV) run
 DEV := $(RUN) --group dev
 BAG := bags/load_simulator_linear
 
-.PHONY: demo test
+.PHONY: demo test bags
 
 demo: $(UV)
 	mkdir -p out
@@ -16,6 +16,10 @@ test: $(UV)
 	$(DEV) ruff check
 	$(DEV) mypy
 	$(DEV) pytest $(if $(CI),-m 'slow or not slow')
+
+# Remake the sample recordings, to the byte.
+bags: $(UV)
+	$(RUN) bags/make.sh
 
 .uv/bin/uv:
 	python3 -m venv .uv

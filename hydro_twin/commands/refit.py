@@ -52,7 +52,12 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
     """
     from hydro_twin.commands.provenance import provenance
     from hydro_twin.fitting.refit import (
-        bounds_of, errors_of, fit_network, fit_physics, with_errors)
+        bounds_of,
+        errors_of,
+        fit_network,
+        fit_physics,
+        with_errors,
+    )
     from hydro_twin.model import Model, write_model
     from hydro_twin.predictors.analytical import Analytical
 

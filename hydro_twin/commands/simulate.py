@@ -6,7 +6,12 @@ from pathlib import Path
 from typing import Any, TYPE_CHECKING
 
 from hydro_twin.commands.common import (
-    add_rig_arguments, add_seed_argument, assignment, progress, rig_from)
+    add_rig_arguments,
+    add_seed_argument,
+    assignment,
+    progress,
+    rig_from,
+)
 from hydro_twin.errors import DataError, UserError
 
 if TYPE_CHECKING:
@@ -100,7 +105,7 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
                 'largest': {name: float(np.abs(one[name]).max()) for name in one.columns},
                 'noise': noise})
             start += round(len(one) * plant.sample_time * 1e9) + PAUSE
-    write_recording(args.output, series, rig.signals)
+    write_recording(args.output, series, rig.signals, {'origin': 'simulated, not measured'})
     return {
         'bag': str(args.output),
         'plant': plant.name,

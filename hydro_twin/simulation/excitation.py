@@ -25,14 +25,14 @@ class Run:
     rng: np.random.Generator
 
 
-def sine(run: Run, frequency: float = 1.0) -> Excitation:
-    """A sinusoid [Hz], from zero."""
+def sine(_: Run, frequency: float = 1.0) -> Excitation:
+    """Make a sinusoid [Hz] that starts at zero."""
     return lambda t: np.sin(2 * np.pi * frequency * t)
 
 
 def multisine(run: Run, lowest: float = 0.2, highest: float = 10.0, lines: float = 20
               ) -> Excitation:
-    """Sinusoids at frequencies spread evenly on a logarithmic scale [Hz], in random phases."""
+    """Add sinusoids at frequencies spread evenly on a logarithmic scale [Hz], in random phases."""
     f = np.geomspace(lowest, highest, int(lines))
     phase = run.rng.uniform(0, 2 * np.pi, len(f))
     return _normal(run, lambda t: sum(np.sin(2 * np.pi * f_i * t + phi)
@@ -40,20 +40,20 @@ def multisine(run: Run, lowest: float = 0.2, highest: float = 10.0, lines: float
 
 
 def chirp(run: Run, first: float = 0.2, last: float = 15.0) -> Excitation:
-    """A sinusoid whose frequency rises exponentially over the run [Hz]."""
+    """Make a sinusoid whose frequency rises exponentially over the run [Hz]."""
     rate = np.log(last / first) / run.duration
     return lambda t: np.sin(2 * np.pi * first / rate * np.expm1(rate * t))
 
 
 def steps(run: Run, shortest: float = 0.1, longest: float = 0.5) -> Excitation:
-    """Random levels held for random times [s]; the first is zero."""
+    """Hold random levels for random times [s]; the first is zero."""
     edges = np.cumsum(run.rng.uniform(shortest, longest, int(run.duration / shortest) + 1))
     levels = np.append(0.0, run.rng.uniform(-1, 1, len(edges)))
     return lambda t: levels[np.searchsorted(edges, t, side='right')]
 
 
 def random(run: Run, bandwidth: float = 2.0) -> Excitation:
-    """Gaussian noise through a low-pass of second order [Hz]."""
+    """Pass Gaussian noise through a low-pass of second order [Hz]."""
     rate = KNOTS * bandwidth
     knots = np.arange(int(run.duration * rate) + 4) / rate
     noise = run.rng.standard_normal(len(knots) + KNOTS)
@@ -128,14 +128,18 @@ def make(spec: Spec, run: Run, laws: Laws, column: int, largest: float, sample_t
     """Make an excitation.
 
     Args:
+        spec: what the user asks for.
+        run: what it is drawn for.
         laws: the plant's, which give the amplitude where the user gives none: the one with which
             this input alone makes the linear plant's output reach `largest`.
         column: of this input.
+        largest: see `laws`, in the output's unit.
+        sample_time: of the plant [s].
     """
     shape = KINDS[spec.kind](run, **spec.settings)
     amplitude = spec.amplitude
     if amplitude is None:
-        t = sample_time * np.arange(round(run.duration / sample_time) + 1)
+        t: FloatArray = sample_time * np.arange(round(run.duration / sample_time))
         _, y, _ = lsim((laws.A, laws.B[:, [column]], laws.C, laws.D[:, [column]]), shape(t), t)
         amplitude = float(f'{largest / np.abs(y).max():.3g}')
     return lambda t: spec.offset + amplitude * shape(t)

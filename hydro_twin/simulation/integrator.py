@@ -76,9 +76,14 @@ def integrate(moves, seen, table, p, h, gain, x, z, inputs, steps, y, work):  # 
         seen: values of the ports (P, n + m + P) and their signals (S, n + m + P) for w.
         table: for each effect its code, port, two signal rows, the begin and end of its parameters
             in p and of its memory in z, and whether it is implicit; shape (K, 9).
+        p: parameters of the effects.
         h: length of a step [s].
         gain: what a unit added to each port over a step does to w, shape (P, n + m + P).
+        x: states, shape (n,).
+        z: memory of the effects.
         inputs: at the begin, the middle and the end of every step, shape (steps len(y), 3, m).
+        steps: steps between two outputs.
+        y: the outputs.
         work: (6, >= largest of n + m + P and memory) scratch.
     """
     n, m = len(x), inputs.shape[2]

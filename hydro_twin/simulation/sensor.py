@@ -13,9 +13,12 @@ def measure(series: Series, output: str, snr: float | None, noise: float, quanti
     """Measure the output with white Gaussian noise, rounded to whole steps.
 
     Args:
+        series: as it truly was.
+        output: the signal that is measured.
         snr: power of the signal about its mean over that of the noise [dB]; None: use `noise`.
         noise: RMS, in the output's unit.
         quantisation: step, in the output's unit; 0 for none.
+        rng: the source of chance.
 
     Returns:
         The series as measured, and the RMS of the noise.

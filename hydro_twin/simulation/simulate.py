@@ -4,6 +4,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 
 import numpy as np
+import numpy.typing as npt
 
 from hydro_twin.effects import EFFECTS, Placed
 from hydro_twin.plants.plant import FloatArray, Laws, Plant
@@ -26,15 +27,17 @@ def simulate(plant: Plant, values: Mapping[str, float], effects: Sequence[Placed
     move on between samples.
 
     Args:
+        plant: at the sample time of the series.
         values: parameters and constants by name.
+        effects: what the linear plant lacks.
         inputs: for every input, its value over time.
-        duration: time from the first sample to the last [s].
+        duration: number of samples times the sample time [s].
         start: stamp of the first sample [ns].
         tick: called after every `BLOCK` samples.
     """
     T = plant.sample_time
     laws = plant.laws(values)
-    count = round(duration / T) + 1
+    count = round(duration / T)
     fastest = float(np.abs(np.linalg.eigvals(laws.A)).max())
     steps = int(np.ceil(T / min(LONGEST_STEP, FASTEST / max(fastest, 1e-9))))
     h = T / steps
@@ -56,7 +59,7 @@ def simulate(plant: Plant, values: Mapping[str, float], effects: Sequence[Placed
         integrate(moves, seen, table, p, h, gain, x, z, fine, steps, y[k + 1:k + 1 + samples],
                   work)
         tick()
-    time = T * np.arange(count)
+    time: FloatArray = T * np.arange(count)
     columns = {signal.name: inputs[signal.name](time) for signal in plant.inputs}
     return Series({**columns, plant.output.name: y}, T, start)
 
@@ -75,20 +78,22 @@ def _fine(plant: Plant, effects: Sequence[Placed], inputs: Mapping[str, Excitati
         if signal.held:                     # no step straddles a sample: its middle tells which
             at = np.repeat(np.floor(at[:, 1:2]), 3, axis=1)
         columns.append(inputs[signal.name](T * np.maximum(at, 0.0).ravel()).reshape(at.shape))
-    return np.stack(columns, axis=-1)
+    return np.ascontiguousarray(np.stack(columns, axis=-1))
 
 
 def _tables(plant: Plant, effects: Sequence[Placed]
-            ) -> tuple[np.ndarray[tuple[int, int], np.dtype[np.int64]], FloatArray, int]:
+            ) -> tuple[npt.NDArray[np.int64], FloatArray, int]:
     """Lay out effects for `integrate`: its table, their parameters, the size of their memory."""
-    rows, p, memory = [], [], 0
+    rows: list[list[int]] = []
+    p: list[float] = []
+    memory = 0
     for placed in effects:
         if placed.effect.law is None:
             continue
         port = plant.ports.index(placed.port)
         before = sum(len(other.signals) for other in plant.ports[:port])
         signals = [before + list(placed.port.signals).index(name) for name in placed.effect.reads]
-        rows.append([EFFECTS.index(placed.effect), port, *(signals + [0, 0])[:2],
+        rows.append([EFFECTS.index(placed.effect), port, *[*signals, 0, 0][:2],
                      len(p), len(p) + len(placed.values),
                      memory, memory + placed.effect.memory, placed.effect.implicit])
         p += placed.values
@@ -96,7 +101,7 @@ def _tables(plant: Plant, effects: Sequence[Placed]
     return np.array(rows, np.int64).reshape(-1, 9), np.array(p, np.float64), memory
 
 
-def _response(laws: Laws, h: float) -> FloatArray:
+def _response(laws: Laws, h: float) -> npt.NDArray[np.floating]:
     """Return what a unit added to each port over h does to x: h E + h^2/2 A E + ..."""
     term = h * laws.E
     gain = term

@@ -1,0 +1,29 @@
+#!/bin/sh
+# Remakes the sample bags, each as README.md says; run it in the project's environment.
+set -eu
+cd "$(dirname "$0")"
+part=$(mktemp -d)
+trap 'rm -r "$part"' EXIT
+
+# make NAME ARGUMENTS...: simulate three series, then pack them.
+make() {
+    name=$1
+    shift
+    hydro-twin simulate --plant load_simulator --snr 40 --quantisation 0.015625 "$@" \
+        -o "$part/$name.mcap"
+    rm -rf "$name"
+    rosbags-convert --src "$part/$name.mcap" --dst "$name" --dst-storage mcap \
+        --compress zstd --compress-mode storage
+}
+
+multisine='--excitation u_m=multisine --excitation u_m=multisine --excitation u_m=chirp'
+
+make load_simulator_linear --seed 1 --duration 3
+make rig_a --duration 2.4 --seed 2 --effect friction@motor:coulomb=10
+make rig_b --duration 2.4 --seed 3 --effect dead_zone@spool:width=3e-6
+make rig_c --duration 2.4 --seed 4 --set J=0.05 --effect orifice@flow:supply_pressure=9e6
+# shellcheck disable=SC2086
+make rig_d --duration 2.4 --seed 5 $multisine --effect friction@motor:coulomb=8 \
+    --effect rate_limit@spool:limit=5e-4
+# shellcheck disable=SC2086
+make rig_e --duration 2.4 --seed 6 $multisine --set K_ce=5e-12 --set B_m=60
