@@ -3,6 +3,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
+from importlib.util import find_spec
 from itertools import groupby, pairwise
 from multiprocessing import get_context
 import os
@@ -188,7 +189,12 @@ def check_device(name: str) -> None:
 
     Raises:
         UserError: there is no such device on this machine.
+        ModuleNotFoundError: torch is not installed.
     """
+    if find_spec('torch') is None:
+        raise ModuleNotFoundError("No module named 'torch'", name='torch')
+    if name == 'cpu':
+        return                              # without the seconds that importing torch takes
     import torch
     try:
         torch.zeros(1, device=name)

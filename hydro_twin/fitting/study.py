@@ -10,6 +10,7 @@ from scipy.stats import mannwhitneyu
 
 from hydro_twin.errors import DataError
 from hydro_twin.fitting.coefficients import coefficients_of
+from hydro_twin.fitting.free_run import parts_of, START
 from hydro_twin.fitting.network import HYBRID, Job, make_problem, Settings, train_many
 from hydro_twin.fitting.one_step import Coefficients, least_squares, one_step_error
 from hydro_twin.fitting.populations import METHODS
@@ -131,6 +132,7 @@ def make_part(name: str, recording: Recording, plant: Plant) -> Part:
     """
     inputs = [signal.name for signal in plant.inputs]
     try:
+        parts_of(recording, plant)          # refuses what is too short for a free run
         return Part(recording.series, regression(recording.series, plant.output.name, inputs,
                                                  plant.order))
     except DataError as error:
@@ -197,11 +199,10 @@ def network_runs(
 def free_run_error(
     predictor: Analytical | NetworkPredictor, stretches: Sequence[Series],
 ) -> float:
-    """RMS of the free run over the samples that are patterns; infinite if one diverges."""
-    plant = predictor.plant
-    error = rms(np.concatenate([
-        (predictor.free_run(series) - series[plant.output.name])[plant.order + 1:]
-        for series in stretches]))
+    """RMS of the free run, from rest, once its start is over; infinite if one diverges."""
+    output = predictor.plant.output.name
+    error = rms(np.concatenate([(predictor.free_run(series) - series[output])[START:]
+                                for series in stretches]))
     return error if math.isfinite(error) else math.inf
 
 

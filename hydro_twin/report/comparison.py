@@ -6,8 +6,8 @@ import csv
 from io import StringIO
 import json
 import math
-import os
 from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import Any
 
 from jinja2 import Environment, PackageLoader, StrictUndefined
@@ -98,7 +98,7 @@ def page(result: Mapping[str, Any]) -> str:
 def learning_curves(experiment: Mapping[str, Any], unit: str) -> str:
     """Draw the training error of every method as it learns, [B19] Fig. 2, as SVG."""
     figure = Figure(figsize=(10, 4), layout='constrained')
-    left, right = figure.subplots(1, 2, sharey=True)
+    left, right = figure.subplots(1, 2)
     for method, found in experiment['methods'].items():
         if method == 'least_squares':
             continue                        # a curve over starts, not cycles
@@ -163,21 +163,14 @@ def write_comparison(result: Mapping[str, Any], folder: Path) -> list[Path]:
     """
     texts = {'html': page(result), 'csv': table(result['experiments']),
              'json': json.dumps(result, allow_nan=False, indent=1)}
-    return write_all({folder / f'comparison.{kind}': text for kind, text in texts.items()})
-
-
-def write_all(texts: Mapping[Path, str]) -> list[Path]:
-    """Write files whole, and none before all can be."""
-    beside = {path: path.with_name(f'.{path.name}.{os.getpid()}') for path in texts}
+    texts = {f'comparison.{kind}': text for kind, text in texts.items()}
     try:
-        for path, text in texts.items():
-            path.parent.mkdir(parents=True, exist_ok=True)
-            beside[path].write_text(text, encoding='utf-8', newline='')
-        for path, part in beside.items():
-            part.replace(path)
+        folder.mkdir(parents=True, exist_ok=True)
+        with TemporaryDirectory(dir=folder) as beside:
+            for name, text in texts.items():
+                (Path(beside) / name).write_text(text, encoding='utf-8', newline='')
+            for name in texts:
+                (Path(beside) / name).replace(folder / name)
     except OSError as error:
-        raise UserError(f'{path}: cannot be written ({error.strerror})') from error
-    finally:
-        for part in beside.values():
-            part.unlink(missing_ok=True)
-    return list(texts)
+        raise UserError(f'{folder}: cannot be written to ({error.strerror})') from error
+    return [folder / name for name in texts]
