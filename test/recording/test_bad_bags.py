@@ -168,7 +168,7 @@ def victim(request, tmp_path_factory):
     return write_bag(tmp_path_factory.mktemp('victim') / 'bag', rig(100), storage, compression)
 
 
-@settings(max_examples=60, deadline=None,
+@settings(max_examples=30, deadline=None,
           suppress_health_check=[HealthCheck.function_scoped_fixture])
 @given(data=strategies.data())
 def test_any_damage_gives_a_reading_or_one_line(victim, tmp_path, data):
