@@ -72,6 +72,8 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
     if not plant.sample_time * 10 <= args.duration < float('inf'):
         raise UserError(f'--duration {args.duration:g}: at least ten samples, '
                         f'{10 * plant.sample_time:g} s')
+    if not (0 <= args.noise < float('inf') and 0 <= args.quantisation < float('inf')):
+        raise UserError('--noise and --quantisation must be finite, and not below zero')
     parameters = {p.name: float((p.lower * p.upper) ** 0.5) for p in plant.parameters}
     parameters |= dict(args.set)
     plant.check(parameters)

@@ -100,18 +100,20 @@ def parse(text: str) -> Spec:
         raise UserError(f'no excitation {kind!r}; there are {", ".join(KINDS)}')
     known = [*inspect.signature(KINDS[kind]).parameters][1:]
     settings = settings_of(text, rest)
+    if not np.isfinite(list(settings.values())).all():
+        raise UserError(f'excitation {text!r}: every value must be finite')
     amplitude, offset = settings.pop('amplitude', None), settings.pop('offset', 0.0)
     for name, value in settings.items():
         if name not in known:
             raise UserError(f'excitation {text!r}: {kind} has no {name}; it has '
                             f'{", ".join([*known, "amplitude", "offset"])}')
-        if not 0 < value < np.inf:
+        if value <= 0:
             raise UserError(f'excitation {text!r}: {name} must be above zero')
     return Spec(kind, settings, amplitude, offset)
 
 
 def settings_of(text: str, rest: str) -> dict[str, float]:
-    """Split NAME=VALUE,... into numbers.
+    """Split the `rest` of a text, NAME=VALUE,..., into numbers.
 
     Raises:
         UserError: it is not of that form.
@@ -120,7 +122,8 @@ def settings_of(text: str, rest: str) -> dict[str, float]:
         return {name.strip(): float(value) for name, value in
                 (part.split('=') for part in rest.split(',') if part)}
     except ValueError:
-        raise UserError(f'{text!r} should read like sine:frequency=7,amplitude=2') from None
+        raise UserError(f'{text!r}: after the colon should stand NAME=NUMBER,NAME=NUMBER'
+                        ) from None
 
 
 def make(spec: Spec, run: Run, laws: Laws, column: int, largest: float, sample_time: float
@@ -139,7 +142,7 @@ def make(spec: Spec, run: Run, laws: Laws, column: int, largest: float, sample_t
     shape = KINDS[spec.kind](run, **spec.settings)
     amplitude = spec.amplitude
     if amplitude is None:
-        t: FloatArray = sample_time * np.arange(round(run.duration / sample_time))
+        t = sample_time * np.arange(round(run.duration / sample_time), dtype=np.float64)
         _, y, _ = lsim((laws.A, laws.B[:, [column]], laws.C, laws.D[:, [column]]), shape(t), t)
         amplitude = float(f'{largest / np.abs(y).max():.3g}')
     return lambda t: spec.offset + amplitude * shape(t)

@@ -59,7 +59,7 @@ def simulate(plant: Plant, values: Mapping[str, float], effects: Sequence[Placed
         integrate(moves, seen, table, p, h, gain, x, z, fine, steps, y[k + 1:k + 1 + samples],
                   work)
         tick()
-    time: FloatArray = T * np.arange(count)
+    time = T * np.arange(count, dtype=np.float64)
     columns = {signal.name: inputs[signal.name](time) for signal in plant.inputs}
     return Series({**columns, plant.output.name: y}, T, start)
 
