@@ -96,8 +96,10 @@ def _published(train: Recording, plant: Plant, seed: int) -> Physics:
                         f'not for {plant.name}')
     found = fit_published(train, PUBLISHED.k_1, seed).exact
     if isinstance(found, str):
-        raise DataError(found)
-    return Physics({name: Estimate(value) for name, value in found._asdict().items()}, None)
+        raise DataError(f'{found}; --method least_squares fits the parameters themselves')
+    fastest = {p.name: p.lower for p in plant.parameters}       # for a lag that is too fast to see
+    return Physics({name: Estimate(fastest[name], None, False) if np.isnan(value)
+                    else Estimate(value) for name, value in found._asdict().items()}, None)
 
 
 def fit_network(train: Recording, model: Model, seed: int,

@@ -25,6 +25,8 @@ LAGS = 3
 PASS_HZ, STOP_HZ = 3.0, 20.0
 PASSES = 20                 # over the training samples
 MOMENTUM = 0.5
+# From y(k) = y(k-1), since a large first error throws the weights where the logistic is flat.
+START, START_SPREAD = np.array([0.0, 0.0, 1.0, 0.0, 0.0]), 1e-3
 # Samples of a smooth signal are nearly collinear. With less, the weights stay where they began.
 INITIAL_COVARIANCE = 1e14
 
@@ -168,7 +170,7 @@ def train_linear(X: FloatArray, y: FloatArray, rng: np.random.Generator) -> Floa
     Returns:
         The input weights v_1, v_2, n_1, n_2, n_3.
     """
-    weights = rng.uniform(-0.1, 0.1, (X.shape[1],))
+    weights = START + START_SPREAD * rng.uniform(-1, 1, (X.shape[1],))
     P = np.eye(X.shape[1]) * INITIAL_COVARIANCE
     step = np.zeros_like(weights)
     target = expit(y)
