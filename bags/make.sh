@@ -5,15 +5,20 @@ cd "$(dirname "$0")"
 part=$(mktemp -d)
 trap 'rm -r "$part"' EXIT
 
+# pack SOURCE NAME: compress a bag.
+pack() {
+    rm -rf "$2"
+    rosbags-convert --src "$1" --dst "$2" --dst-storage mcap \
+        --compress zstd --compress-mode storage
+}
+
 # make NAME ARGUMENTS...: simulate three series, then pack them.
 make() {
     name=$1
     shift
     hydro-twin simulate --plant load_simulator --snr 40 --quantisation 0.015625 "$@" \
         -o "$part/$name.mcap"
-    rm -rf "$name"
-    rosbags-convert --src "$part/$name.mcap" --dst "$name" --dst-storage mcap \
-        --compress zstd --compress-mode storage
+    pack "$part/$name.mcap" "$name"
 }
 
 multisine='--excitation u_m=multisine --excitation u_m=multisine --excitation u_m=chirp'
@@ -27,3 +32,8 @@ make rig_d --duration 2.4 --seed 5 $multisine --effect friction@motor:coulomb=8 
     --effect rate_limit@spool:limit=5e-4
 # shellcheck disable=SC2086
 make rig_e --duration 2.4 --seed 6 $multisine --set K_ce=5e-12 --set B_m=60
+
+python -m hydro_twin.valve.demonstration "$part"
+for name in valve_steps valve_limit valve_event; do
+    pack "$part/$name" "$name"
+done

@@ -31,6 +31,7 @@ EVENT_SAMPLE_TIME = 0.05        # s
 STEPS = (0.0, 0.6, 0.4, 0.8, 0.7, 0.9, 0.5, 0.5)        # commands, below the limit
 LIMIT_STEPS = (0.0, 0.9, 1.08, 0.8, 1.1, 0.95, 1.09, 0.7)       # with d_1 = 1.05
 HOLD = 1.0              # s
+BEGIN = 1_000_000_000_000       # stamp of the first sample [ns]
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -76,7 +77,7 @@ def simulated_steps(levels: Sequence[float], curve: FlowCharacteristic) -> Serie
     return simulate(
         model.plant, model.values, model.placed,
         {'command': lambda t: held[np.minimum((t / HOLD + 1e-9).astype(int), last)]},
-        duration=HOLD * len(levels))
+        duration=HOLD * len(levels), start=BEGIN)
 
 
 def simulated_event(curve: FlowCharacteristic) -> Series:
@@ -91,7 +92,7 @@ def simulated_event(curve: FlowCharacteristic) -> Series:
         'command': run.command[every],
         'opening': run.opening[every],
         'power': run.power[every],
-    }, EVENT_SAMPLE_TIME)
+    }, EVENT_SAMPLE_TIME, BEGIN)
 
 
 def measured(series: Series, signals: Sequence[str], rng: np.random.Generator) -> Series:
