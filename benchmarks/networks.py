@@ -1,0 +1,101 @@
+"""Twenty networks of 14-77-77-1 for 500 epochs, against torch.optim.Rprop one after another.
+
+Run: python -m benchmarks.networks. Both sides train on the same 2985 patterns in single precision
+from the same weights; that they reach the same errors is checked before any ratio is printed.
+The time of starting the processes, each of which imports torch, counts on our side. Where torch
+finds a GPU, the batched computation on it is timed too.
+"""
+from __future__ import annotations
+
+import os
+from time import perf_counter
+
+import numpy as np
+from scipy.stats import mannwhitneyu
+import torch
+
+from hydro_twin.fitting.network import (
+    first_weights,
+    Job,
+    Problem,
+    Settings,
+    train_batch,
+    train_many,
+)
+from hydro_twin.fitting.rprop import layers
+
+NETS, PATTERNS = 20, 2985
+SETTINGS = Settings(decay=0.0)
+
+
+def made_up() -> Problem:
+    """Draw patterns of a smooth function of 14 regressors, with noise."""
+    rng = np.random.default_rng(0)
+    x = rng.normal(size=(PATTERNS, 14))
+    y = np.tanh(x[:, 0] * x[:, 1] + x[:, 2]) + 0.5 * np.sin(x[:, 3]) + x[:, 4]
+    return Problem(x, 50.0 * y + rng.normal(size=PATTERNS), np.zeros(14), np.full(14, 3.0),
+                   200.0, 1e4)
+
+
+def one_after_another(problem: Problem) -> list[float]:
+    """Train with torch's modules, autograd and Rprop on one thread; RMS after the last epoch."""
+    torch.set_num_threads(1)
+    x = torch.tensor((problem.regressors - problem.shift) / problem.scale, dtype=torch.float32)
+    y = torch.tensor(problem.targets[:, None] / problem.output_scale, dtype=torch.float32)
+    errors = []
+    for seed in range(NETS):
+        sizes = [14, *SETTINGS.hidden, 1]
+        net = torch.nn.Sequential(torch.nn.Linear(14, 77), torch.nn.Tanh(),
+                                  torch.nn.Linear(77, 77), torch.nn.Tanh(),
+                                  torch.nn.Linear(77, 1))
+        start = torch.tensor(first_weights(sizes, seed), dtype=torch.float32)
+        for i, (matrix, bias) in enumerate(layers(start[None], sizes)):
+            net[2 * i].weight.data = matrix[0].T.contiguous()
+            net[2 * i].bias.data = bias[0, 0].clone()
+        optimizer = torch.optim.Rprop(net.parameters())
+        for _ in range(SETTINGS.epochs):
+            optimizer.zero_grad()
+            loss = 0.5 * (net(x) - y).square().sum()
+            loss.backward()
+            optimizer.step()
+        with torch.no_grad():
+            error = problem.output_scale * (net(x) - y).square().mean().sqrt().item()
+        errors.append(error)
+    return errors
+
+
+def ours(problem: Problem, device: str) -> list[float]:
+    jobs = [Job(SETTINGS, seed) for seed in range(NETS)]
+    return [float(np.sqrt(np.mean((t.network(problem.regressors) - problem.targets) ** 2)))
+            for t in train_many(problem, jobs, device)]
+
+
+def timed(name: str, reference: tuple[float, list[float]] | None, work: object,
+          *arguments: object) -> tuple[float, list[float]]:
+    begin = perf_counter()
+    errors = work(*arguments)               # type: ignore[operator]
+    seconds = perf_counter() - begin
+    line = f'{name:45} {seconds:7.1f} s, RMS {min(errors):.4f} ... {max(errors):.4f}'
+    if reference is not None:
+        p = mannwhitneyu(errors, reference[1]).pvalue
+        if p < 0.01:
+            raise SystemExit(f'{name}: errors differ from the reference beyond chance (p {p:.2g})')
+        line += f', {reference[0] / seconds:.2f} times as fast, same errors (p {p:.2f})'
+    print(line, flush=True)
+    return seconds, errors
+
+
+def main() -> None:
+    problem = made_up()
+    train_batch(problem, [Job(Settings(epochs=3), 0)])[0].network(problem.regressors[:2])
+    reference = timed('torch.optim.Rprop, one after another', None, one_after_another, problem)
+    cores = len(os.sched_getaffinity(0))
+    timed(f'hydro_twin, {cores} processes', reference, ours, problem, 'cpu')
+    if torch.cuda.is_available():
+        train_batch(problem, [Job(Settings(epochs=3), 0)], 'cuda')
+        timed(f'hydro_twin, batched on {torch.cuda.get_device_name()}', reference, ours, problem,
+              'cuda')
+
+
+if __name__ == '__main__':
+    main()
