@@ -1,0 +1,121 @@
+import numpy as np
+import pytest
+from scipy import signal
+
+from hydro_twin.errors import ModelError, UserError
+from hydro_twin.plants import plant_named, PLANTS
+
+TYPICAL = {name: {p.name: (p.lower * p.upper) ** 0.5 for p in plant.parameters}
+           | plant.constant_values() for name, plant in PLANTS.items()}
+
+
+def load_simulator(v, x, u, d):
+    """The five laws as written, each port's value with what an effect adds to it."""
+    x_v, p_L, omega, theta = x
+    u_m, theta_d = u
+    command = u_m + d[0]                                            # eq. 15
+    rate = (v['K_sv'] * command - x_v) / v['K_p'] + d[1]
+    opening = x_v + d[2]
+    flow = v['K_q'] * opening + d[3]                                # eq. 11
+    leakage = v['K_ce'] * p_L + d[4]
+    p_rate = (flow - leakage - v['D_m'] * omega) * 4 * v['beta_e'] / v['V_m']   # eq. 12
+    force = v['D_m'] * p_L - v['B_m'] * omega + d[5]
+    torque = v['G'] * (theta - theta_d) + d[6]                      # eq. 14
+    acceleration = (force - torque) / v['J']                        # eq. 13
+    ports = [command, rate, opening, flow, leakage, force, torque, torque + d[7]]
+    signals = [opening, p_L, p_L, omega, theta, theta - theta_d]
+    return [rate, p_rate, acceleration, omega], ports, signals
+
+
+def valve_servo(v, x, u, d):
+    c, a, y = x
+    command = u[0] + d[0]
+    error = command - y + d[1]
+    speed = c / v['T_c'] + d[2]
+    stem = y + d[3]
+    return ([(v['k_1'] * error - c) / v['T_y'], speed, (a - y) / v['tau']],
+            [command, error, speed, stem, stem + d[4]], [c, y])
+
+
+def cylinder(v, x, u, d):
+    q, position = x
+    command = u[0] + d[0]
+    rate = (command - q) / v['tau'] + d[1]
+    opening = q + d[2]
+    speed = v['K_v'] * opening + d[3]
+    return [rate, speed], [command, rate, opening, speed, position + d[4]], [opening, position]
+
+
+def positioning(v, x, u, d):
+    velocity, position = x
+    command = u[0] + d[0]
+    force = command - v['F_v'] * velocity + d[1]
+    return [force / v['M'], velocity], [command, force, position + d[2]], [velocity, position]
+
+
+@pytest.mark.parametrize('by_hand', [load_simulator, valve_servo, cylinder, positioning])
+def test_matrices_are_the_laws_with_what_effects_add(by_hand):
+    plant, v = PLANTS[by_hand.__name__], TYPICAL[by_hand.__name__]
+    laws = plant.laws(v)
+    rng = np.random.default_rng(0)
+    size = 1.0 / np.maximum(np.abs(laws.A).max(axis=0), 1.0)
+    for _ in range(5):
+        x = size * rng.standard_normal(len(laws.A))
+        u = rng.standard_normal(laws.B.shape[1])
+        d = rng.standard_normal(len(plant.ports)) * 1e-3
+        rates, ports, signals = by_hand(v, x, u, d)
+        np.testing.assert_allclose(laws.A @ x + laws.B @ u + laws.E @ d, rates, rtol=1e-9)
+        np.testing.assert_allclose(laws.port_x @ x + laws.port_u @ u + laws.port_d @ d + d, ports,
+                                   rtol=1e-9)
+        np.testing.assert_allclose(
+            laws.signal_x @ x + laws.signal_u @ u + laws.signal_d @ d, signals, rtol=1e-9)
+
+
+@pytest.mark.parametrize('plant', PLANTS.values(), ids=PLANTS)
+def test_ports_depend_only_on_those_before(plant):
+    laws = plant.laws(TYPICAL[plant.name])
+    assert not np.triu(laws.port_d).any()
+    assert laws.signal_x.shape[0] == sum(len(port.signals) for port in plant.ports)
+    assert len(plant.at_rest) == plant.order - 1
+
+
+@pytest.mark.parametrize(('name', 'numerator', 'denominator'), [
+    ('valve_servo', lambda v: [v['k_1']],
+     lambda v: [v['T_c'] * v['T_y'] * v['tau'], v['T_c'] * (v['T_y'] + v['tau']), v['T_c'],
+                v['k_1']]),
+    ('cylinder', lambda v: [v['K_v']], lambda v: [v['tau'], 1.0, 0.0]),
+    ('positioning', lambda v: [1.0], lambda v: [v['M'], v['F_v'], 0.0]),
+])
+def test_transfer_function(name, numerator, denominator):
+    v = TYPICAL[name]
+    laws = PLANTS[name].laws(v)
+    num, den = signal.ss2tf(laws.A, laws.B, laws.C, laws.D)
+    wanted_num, wanted_den = np.array(numerator(v)), np.array(denominator(v))
+    np.testing.assert_allclose(den, wanted_den / wanted_den[0], rtol=1e-9, atol=1e-9)
+    np.testing.assert_allclose(num[0, -1], wanted_num[0] / wanted_den[0], rtol=1e-9)
+
+
+def test_a_set_of_parameters_that_is_not_the_plants_is_refused():
+    plant = PLANTS['cylinder']
+    with pytest.raises(ModelError, match='no parameter J'):
+        plant.check({'tau': 0.1, 'K_v': 0.1, 'J': 1.0})
+    with pytest.raises(ModelError, match='K_v of cylinder is missing'):
+        plant.check({'tau': 0.1})
+    with pytest.raises(ModelError, match='outside its physical range'):
+        plant.check({'tau': -0.1, 'K_v': 0.1})
+    with pytest.raises(ModelError, match='outside its physical range'):
+        plant.check({'tau': float('nan'), 'K_v': 0.1})
+
+
+def test_constants_are_checked():
+    plant = PLANTS['load_simulator']
+    assert plant.constant_values({'D_m': 3e-5}) == {'D_m': 3e-5}
+    with pytest.raises(ModelError, match='no constant Q'):
+        plant.constant_values({'Q': 1.0})
+    with pytest.raises(ModelError, match='positive'):
+        plant.constant_values({'D_m': 0.0})
+
+
+def test_an_unknown_plant_is_refused_with_those_there_are():
+    with pytest.raises(UserError, match='load_simulator, valve_servo, cylinder, positioning'):
+        plant_named('servo')
