@@ -5,8 +5,8 @@ from scipy import signal
 from hydro_twin.plants import PLANTS
 from hydro_twin.plants.difference_equation import bilinear, characteristic, from_state_space
 
-VECTOR = dict(V_m=1.75e-4, J=5.5e-2, K_p=1.75e-2, K_q=1.35, G=1.1e4, K_ce=5.5e-12, B_m=55.0,
-              K_sv=1.15e-4, beta_e=7e8, D_m=2e-5)
+VECTOR = {'V_m': 1.75e-4, 'J': 5.5e-2, 'K_p': 1.75e-2, 'K_q': 1.35, 'G': 1.1e4, 'K_ce': 5.5e-12,
+          'B_m': 55.0, 'K_sv': 1.15e-4, 'beta_e': 7e8, 'D_m': 2e-5}
 
 
 def test_eq_1_from_the_state_space_form_is_the_test_vector_of_fifty_digits():

@@ -8,8 +8,8 @@ from hydro_twin.predictors.analytical import Analytical
 from hydro_twin.predictors.system import assemble
 from hydro_twin.recording.series import Series
 
-VECTOR = dict(V_m=1.75e-4, J=5.5e-2, K_p=1.75e-2, K_q=1.35, G=1.1e4, K_ce=5.5e-12, B_m=55.0,
-              K_sv=1.15e-4, beta_e=7e8)
+VECTOR = {'V_m': 1.75e-4, 'J': 5.5e-2, 'K_p': 1.75e-2, 'K_q': 1.35, 'G': 1.1e4, 'K_ce': 5.5e-12,
+          'B_m': 55.0, 'K_sv': 1.15e-4, 'beta_e': 7e8}
 EFFECTS = {
     'friction': ('motor', {'coulomb': 10.0}),
     'dead_zone': ('spool', {'width': 3e-6}),
@@ -74,10 +74,10 @@ def exact(plant, series):
     # scipy's linear algebra warns of states whose units differ much: bring them to one scale.
     scale = np.diag([1e-5, 1e6, 1.0, 1e-2] if plant.name == 'load_simulator'
                     else np.ones(plant.order))
-    A, B, C = np.linalg.solve(scale, laws.A @ scale), np.linalg.solve(scale, laws.B), laws.C @ scale
+    A, B = np.linalg.solve(scale, laws.A @ scale), np.linalg.solve(scale, laws.B)
     y = np.zeros(len(series))
     for j, source in enumerate(plant.inputs):
-        system = (A, B[:, [j]], C, laws.D[:, [j]])
+        system = (A, B[:, [j]], laws.C @ scale, laws.D[:, [j]])
         discrete = signal.cont2discrete(system, plant.sample_time, 'zoh' if source.held else 'foh')
         y += signal.dlsim(discrete, series[source.name])[1][:, 0]
     return y
