@@ -165,8 +165,9 @@ class TwinNode(LifecycleNode):
         """Create the topics of a twin."""
         prefix = f'~/{twin.name}/' if twin.name else '~/'
         prediction, residual = (
-            self.create_lifecycle_publisher(JointState, f'{prefix}{topic}', QoSProfile(depth=DEPTH),
-                                            qos_overriding_options=OVERRIDES)
+            self.create_lifecycle_publisher(
+                JointState, f'{prefix}{topic}', QoSProfile(depth=DEPTH),
+                qos_overriding_options=OVERRIDES)
             for topic in ('prediction', 'residual'))
         self._outgoing += [prediction, residual]
         return Outlet(twin, prediction.publish, residual.publish)

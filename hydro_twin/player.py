@@ -21,6 +21,7 @@ from hydro_twin.recording.bag import opened
 
 TICK = 0.025       # between two messages on /clock [s], as `ros2 bag play` has it
 LISTENERS = 2.0    # how long someone to listen is waited for [s]
+SETTLE = 0.5       # until listeners have found us as we have found them [s]
 DEPTH = 1000       # messages kept for a listener that is slow
 
 
@@ -87,7 +88,7 @@ class _Player:
         started = ticked = time.monotonic()
         for connection, stamp, payload in self._reader.messages():
             due = started + (stamp - begin) * 1e-9 / self._rate
-            while (now := time.monotonic()) < due or self._clock and now >= ticked:
+            while (now := time.monotonic()) < due or (self._clock and now >= ticked):
                 if self._clock and now >= ticked:
                     passed = round((now - started) * self._rate * 1e9)
                     self._clock.publish(Clock(clock=Time(nanoseconds=begin + passed).to_msg()))
@@ -108,10 +109,10 @@ def _qos(connection: Any) -> QoSProfile:
 
 
 def _await_listeners(publishers: list[Publisher]) -> None:
-    """Wait a while until someone listens, so that the first messages are not lost."""
+    """Wait a while until someone listens to each topic, so that the first messages arrive."""
     until = time.monotonic() + LISTENERS
     while rclpy.ok() and time.monotonic() < until:
-        if any(publisher.get_subscription_count() for publisher in publishers):
-            time.sleep(TICK * 10)   # others find us about as soon
-            return
+        if all(publisher.get_subscription_count() for publisher in publishers):
+            break
         time.sleep(TICK)
+    time.sleep(SETTLE)

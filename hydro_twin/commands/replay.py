@@ -29,6 +29,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
                         help="play the bag's topics into ROS instead, to drive a live node")
     parser.add_argument('--rate', type=float, default=1.0,
                         help='with --publish: times as fast as recorded (default: 1)')
+    parser.add_argument('--loop', action='store_true', help='with --publish: for ever')
+    parser.add_argument('--clock', action='store_true',
+                        help="with --publish: the bag's time on /clock, for use_sim_time")
 
 
 def run(args: argparse.Namespace) -> dict[str, Any]:
@@ -39,7 +42,7 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
     """
     if args.publish:
         from hydro_twin.player import play
-        return {'played': play(args.bag, args.rate)}
+        return {'played': play(args.bag, args.rate, args.loop, args.clock)}
     if args.model is None:
         raise UserError('a --model is needed, or --publish')
     return _replay(args.bag, args.model, args.output, args.config)

@@ -94,6 +94,7 @@ class Aligner:
                 self._fill(due)
                 self.stamp = due
                 self.first = not self._count
+                self.series += self.first
                 self._count += 1
                 self._due = self._start + round(self._count * self._step)
             return reached
@@ -119,7 +120,6 @@ class Aligner:
                 track.awaited = False
         self._due = self._start = start
         self._count = 0
-        self.series += 1
         return start
 
     def _patient(self, track: Track, due: int) -> bool:
@@ -133,6 +133,7 @@ class Aligner:
         Returns:
             True if they are there or given up, False to wait, None if a gap ends the series.
         """
+        now = self._horizon + self._silence
         ready = True
         for track in self.tracks:
             after = track.after
@@ -148,7 +149,7 @@ class Aligner:
                     return None
             elif track.awaited and not track.rests and self._patient(track, due):
                 ready = False
-            elif track.needed and track.breaks(due):
+            elif track.needed and track.breaks(due if track.held else max(due, now)):
                 return None
         return ready
 
