@@ -14,6 +14,7 @@ from hydro_twin.recording.series import Recording, Series
 from hydro_twin.simulation.sensor import measure
 from hydro_twin.valve.demonstration import simulated_steps, STEPS
 from hydro_twin.valve.direct import fit_free_run, fit_one_step, NAMES
+from hydro_twin.valve.figures import residual_figures
 from hydro_twin.valve.flow_characteristic import default_characteristic
 from hydro_twin.valve.linear_loop import LoopParameters, PUBLISHED
 from hydro_twin.valve.published_method import fit_published
@@ -27,8 +28,9 @@ def reading(parameters: LoopParameters | str) -> Mapping[str, float] | None:
     return None if isinstance(parameters, str) else parameters._asdict()
 
 
-def fits(recording: Recording) -> dict[str, Mapping[str, float] | None]:
+def fits(recording: Recording, correlations: list[float]) -> dict[str, Mapping[str, float] | None]:
     published = fit_published(recording, PUBLISHED.k_1)
+    correlations.append(residual_figures(published)['fit'])
     direct = {'free run': fit_free_run, 'one step': fit_one_step}
     return {
         **{f'least squares, {how}': {
@@ -50,14 +52,17 @@ def error(found: Sequence[Mapping[str, float] | None], name: str) -> str:
 
 
 def table(recordings: Mapping[float, Sequence[Recording]]) -> None:
+    correlations: list[float] = []
     for row, (noise, draws) in enumerate(recordings.items()):
-        found = [fits(recording) for recording in draws]
+        found = [fits(recording, correlations) for recording in draws]
         if row == 0:
             print(f'| noise [1] | {" | ".join(found[0])} |')
             print('|---' * (1 + len(found[0])) + '|')
         errors = [' / '.join(error([f[method] for f in found], name) for name in NAMES)
                   for method in found[0]]
         print(f'| {noise:g} | {" | ".join(errors)} |', flush=True)
+    print('\nLeast correlation of prediction and opening, network: '
+          f'{100 * min(correlations):.6f} %')
 
 
 def noisy(series: Series, noise: float, draw: int) -> Recording:
