@@ -19,10 +19,11 @@ from hydro_twin.errors import UserError
 if TYPE_CHECKING:
     from rich.console import Console
 
+    from hydro_twin.fitting.identifiability import Identifiability
     from hydro_twin.fitting.refit import Errors
+    from hydro_twin.model import Model
     from hydro_twin.predictors.network import Network
-
-EPOCHS = 500                                # of [B19]
+    from hydro_twin.recording.series import Recording
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -38,9 +39,31 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
                         help='for the physical parameters (default: %(default)s); network is '
                         'that of [L18] for the valve servo')
     parser.add_argument('--criterion', choices=('one_step', 'free_run'),
-                        help='the error to minimise (default: free_run for least_squares, '
-                        'one_step for the others)')
+                        help='the error to minimise (default: free_run for an analytical '
+                        'model by least_squares, else one_step)')
+    parser.add_argument('--model', type=Path, metavar='MODEL',
+                        help='for a hybrid: the analytical model that it stands on, with its '
+                        'effects, instead of a fresh fit')
+    networks = parser.add_argument_group('networks', 'the defaults are those of [B19]')
+    networks.add_argument('--hidden', type=widths, metavar='WIDTHS',
+                          help='of the hidden layers (default: 77,77; of a hybrid 80)')
+    networks.add_argument('--epochs', type=int, default=500, help='default: %(default)s')
+    networks.add_argument('--search', action='store_true',
+                          help='search the structure, 1 or 2 layers of 1 to 100 units; it is kept '
+                          'in MODEL.search.jsonl, and goes on from there if interrupted')
+    networks.add_argument('--device', default='cpu', help='cpu or cuda (default: %(default)s)')
     add_seed_argument(parser)
+
+
+def widths(text: str) -> tuple[int, ...]:
+    """Read the widths of hidden layers.
+
+    Raises:
+        argparse.ArgumentTypeError: it is not of the form 77,77.
+    """
+    if not all(width.isdecimal() and int(width) > 0 for width in text.split(',')):
+        raise argparse.ArgumentTypeError(f'{text!r} should read like 77,77')
+    return tuple(int(width) for width in text.split(','))
 
 
 def run(args: argparse.Namespace) -> dict[str, Any]:
@@ -51,30 +74,35 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
         any one-step fit must lie, all in the output's unit.
     """
     from hydro_twin.commands.provenance import provenance
-    from hydro_twin.fitting.refit import (
-        bounds_of,
-        errors_of,
-        fit_network,
-        fit_physics,
-        with_errors,
-    )
-    from hydro_twin.model import Model, write_model
+    from hydro_twin.fitting.network import check_device
+    from hydro_twin.fitting.refit import bounds_of, errors_of, fit_physics, with_errors
+    from hydro_twin.model import Model, read_model, write_model
     from hydro_twin.predictors.analytical import Analytical
 
     if not args.output.absolute().parent.is_dir():
         raise UserError(f'{args.output}: there is no folder {args.output.parent}')
+    if args.epochs < 1:
+        raise UserError(f'--epochs {args.epochs}: at least one is needed')
     rig = rig_from(args)
     plant = rig.plant
+    if args.predictor != 'analytical':
+        check_device(args.device)
+    if args.model and args.predictor != 'hybrid':
+        raise UserError('--model is what a hybrid stands on: it needs --predictor hybrid')
     criterion = args.criterion or (
-        'free_run' if args.method == 'least_squares' else 'one_step')
+        'free_run' if (args.predictor, args.method) == ('analytical', 'least_squares')
+        else 'one_step')
     train, test = train_and_test(args, rig)
     bounds = bounds_of(train, test, plant)
     model = Model(
         plant, {}, rig.constants, plant.sample_time, args.predictor,
         provenance=provenance(train.sources, test.sources if args.test else (), args.seed)
         | {'method': args.method, 'criterion': criterion})
-    known = None
-    if args.predictor != 'mlp':
+    known: Identifiability | None = None
+    hidden: tuple[int, ...] = ()
+    if args.model:
+        model = _on(read_model(args.model), model)
+    elif args.predictor != 'mlp':
         with progress('fitting the physics'):
             physics = fit_physics(train, plant, rig.constants, args.method, criterion, args.seed)
         model, known = replace(model, parameters=physics.estimates), physics.known
@@ -83,8 +111,8 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
     else:
         from hydro_twin.predictors.hybrid import NetworkPredictor
 
-        with progress('training the network', EPOCHS) as tick:
-            network = fit_network(train, model, args.seed, tick)
+        network = _network(args, train, model)
+        hidden = network.hidden
         weights = args.output.with_suffix('.safetensors')
         model = replace(model, network=weights.name)
         errors = errors_of(NetworkPredictor(model, network), train, test)
@@ -98,12 +126,47 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
         'parameters': {name: {'value': e.value, 'unit': units[name], 'std_error': e.std_error,
                               'identifiable': e.identifiable}
                        for name, e in model.parameters.items()},
+        'hidden': list(hidden),
         'at_bound': list(known.at_bound) if known else [],
         'combinations': dict(known.combinations) if known else {},
         'train': _part(errors, 'train'),
         'test': _part(errors, 'test'),
         **bounds,
     }
+
+
+def _on(base: Model, model: Model) -> Model:
+    """Put a hybrid on the analytical part of another model.
+
+    Raises:
+        UserError: that is of another plant or sample time, or has no analytical part.
+    """
+    if (base.plant.name, base.sample_time) != (model.plant.name, model.sample_time):
+        raise UserError(f'--model is of a {base.plant.name} at {base.sample_time:g} s, not of a '
+                        f'{model.plant.name} at {model.sample_time:g} s')
+    if base.kind == 'mlp':
+        raise UserError('--model is an MLP, without the physics that a hybrid stands on')
+    return replace(base, kind=model.kind, provenance=model.provenance)
+
+
+def _network(args: argparse.Namespace, train: Recording, model: Model) -> Network:
+    """Train the network of a model, of the structure asked for or found."""
+    from hydro_twin.fitting.network import HYBRID, Job, Settings, train_batch
+    from hydro_twin.fitting.refit import network_problem
+    from hydro_twin.fitting.structure_search import choose, REPEATS, structure_search, STRUCTURES
+
+    problem = network_problem(train, model)
+    settings = replace(HYBRID if model.kind == 'hybrid' else Settings(), epochs=args.epochs)
+    if args.hidden:
+        settings = replace(settings, hidden=args.hidden)
+    if args.search:
+        log = args.output.with_suffix('.search.jsonl')
+        with progress('searching the structure', len(STRUCTURES) * REPEATS) as tick:
+            scores = structure_search(problem, settings, log, args.seed, args.device,
+                                      trial_done=tick)
+        settings = replace(settings, hidden=choose(scores, problem.regressors.shape[1]))
+    with progress('training the network', args.epochs) as tick:
+        return train_batch(problem, [Job(settings, args.seed)], args.device, tick)[0].network
 
 
 def _save(network: Network, path: Path) -> None:
@@ -134,6 +197,8 @@ def show(result: dict[str, Any], console: Console) -> None:
         if error is not None:
             console.print(f'{name} is known to {100 * error:.2g} %, its members are not',
                           highlight=False)
+    if result['hidden']:
+        console.print(f'hidden layers: {", ".join(map(str, result["hidden"]))}', highlight=False)
     table = Table(f'RMS error [{result["unit"]}]', 'train', 'test')
     for mode in ('one_step', 'free_run'):
         table.add_row(mode.replace('_', ' '),

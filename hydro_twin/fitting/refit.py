@@ -1,7 +1,7 @@
 """Fit of a whole model: physical parameters by any method, networks, errors on both parts."""
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -10,13 +10,14 @@ from hydro_twin.errors import DataError, UserError
 from hydro_twin.fitting.coefficients import coefficients_of
 from hydro_twin.fitting.free_run import fit_linear, parts_of, START
 from hydro_twin.fitting.identifiability import assess, Identifiability
+from hydro_twin.fitting.network import make_problem, Problem
 from hydro_twin.fitting.one_step import at_bound, sensitivities
 from hydro_twin.fitting.populations import METHODS as POPULATIONS
 from hydro_twin.fitting.regression import regression
 from hydro_twin.fitting.study import fit as search
 from hydro_twin.model import Estimate, Model
 from hydro_twin.plants import Plant
-from hydro_twin.predictors.network import Network
+from hydro_twin.predictors.analytical import Analytical
 from hydro_twin.predictors.predictor import Predictor
 from hydro_twin.predictors.scores import persistence, pooled, rms
 from hydro_twin.recording.series import Recording
@@ -102,23 +103,17 @@ def _published(train: Recording, plant: Plant, seed: int) -> Physics:
                     else Estimate(value) for name, value in found._asdict().items()}, None)
 
 
-def fit_network(train: Recording, model: Model, seed: int,
-                epoch_done: Callable[[], object] = lambda: None) -> Network:
-    """Train the network of a model of kind 'mlp' or 'hybrid' with the settings of [B19].
+def network_problem(train: Recording, model: Model) -> Problem:
+    """Collect what the network of a model of kind 'mlp' or 'hybrid' is to learn.
 
     Raises:
         DataError: the samples do not allow it.
     """
-    from hydro_twin.fitting.network import HYBRID, Job, make_problem, Settings, train_batch
-    from hydro_twin.predictors.analytical import Analytical
-
     predicted = None
     if model.kind == 'hybrid':
         analytical = Analytical(model)
         predicted = [analytical.one_step(series) for series in train.series]
-    problem = make_problem(train.series, model.plant, predicted)
-    settings = HYBRID if model.kind == 'hybrid' else Settings()
-    return train_batch(problem, [Job(settings, seed)], epoch_done=epoch_done)[0].network
+    return make_problem(train.series, model.plant, predicted)
 
 
 def errors_of(predictor: Predictor, train: Recording, test: Recording) -> Errors:

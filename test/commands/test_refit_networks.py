@@ -1,0 +1,78 @@
+"""Networks by `refit`: their options, the hybrid on a model with effects, and what is refused."""
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from hydro_twin.commands.main import main
+from hydro_twin.model import read_model
+from hydro_twin.predictors.network import load_network
+
+pytest.importorskip('torch')
+
+RIG = Path(__file__).parents[2] / 'bags' / 'rig_a'
+
+
+def refit(out: Path, *more: str) -> int:
+    return main(['refit', str(RIG), '--plant', 'load_simulator', '-o', str(out), '--json',
+                 '--epochs', '60', *more])
+
+
+@pytest.mark.slow
+def test_an_mlp_of_the_structure_asked_for(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str],
+) -> None:
+    assert refit(tmp_path / 'm.yaml', '--predictor', 'mlp', '--hidden', '6,5') == 0
+    result = json.loads(capsys.readouterr().out)
+    assert result['hidden'] == [6, 5]
+    assert load_network(tmp_path / 'm.safetensors').hidden == (6, 5)
+    assert np.isfinite(result['test']['one_step'])
+    assert main(['replay', str(RIG), '--model', str(tmp_path / 'm.yaml'), '--json']) == 0
+    replayed = json.loads(capsys.readouterr().out)['one_step']['rmse']
+    both = sorted((result['train']['one_step'], result['test']['one_step']))
+    assert both[0] * 0.99 < replayed < both[1] * 1.01
+
+
+@pytest.mark.slow
+def test_a_hybrid_on_a_model_keeps_its_physics_and_effects(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str],
+) -> None:
+    base = tmp_path / 'base.yaml'
+    assert refit(base, '--criterion', 'one_step') == 0
+    text = base.read_text().replace('effects: []', """effects:
+- id: friction
+  port: motor
+  parameters:
+    coulomb: {value: 10.0}""")
+    base.write_text(text)
+    capsys.readouterr()
+    hybrid = tmp_path / 'hybrid.yaml'
+    assert refit(hybrid, '--predictor', 'hybrid', '--model', str(base), '--hidden', '10') == 0
+    result = json.loads(capsys.readouterr().out)
+    made, given = read_model(hybrid), read_model(base)
+    assert (made.kind, made.parameters, made.effects) == (
+        'hybrid', given.parameters, given.effects)
+    assert result['test']['one_step'] < 0.5 * result['persistence']['test']
+
+
+@pytest.mark.parametrize(('more', 'says'), [
+    (['--hidden', '7,x'], 'should read like 77,77'),
+    (['--hidden', '0'], 'should read like 77,77'),
+    (['--epochs', '0', '--predictor', 'mlp'], '--epochs 0'),
+    (['--device', 'abacus', '--predictor', 'mlp'], "device 'abacus'"),
+    (['--model', 'x.yaml'], 'needs --predictor hybrid'),
+    (['--model', 'x.yaml', '--predictor', 'hybrid'], 'x.yaml: no model file'),
+])
+def test_refuses(
+    more: list[str], says: str, tmp_path: Path, capsys: pytest.CaptureFixture[str],
+) -> None:
+    try:
+        status = refit(tmp_path / 'm.yaml', *more)
+    except SystemExit as error:
+        status = error.code
+    assert status == 2
+    assert says in capsys.readouterr().err
+    assert list(tmp_path.iterdir()) == []
