@@ -37,11 +37,12 @@ class Span:
     Attributes:
         value: of the port's value.
         signals: of each signal there.
-        duration: of one sample [s].
+        travel: of each signal there, from its least to its largest.
     """
 
     value: float
     signals: Mapping[str, float]
+    travel: Mapping[str, float]
     sample_time: float
 
 
@@ -65,6 +66,8 @@ class Effect:
         starts: what the recording reaches -> sets of parameters to begin a search at.
         refined: what the recording reaches and the parameters of the simple law -> sets of
             parameters to begin at with refinements let in.
+        told: what the recording reaches and parameters -> whether such a recording tells them
+            from something simpler; where it does not, the effect is no candidate.
         implicit: the law takes the signals as they would be without it, and answers with what
             holds at the end of the step: for forces that jump with the velocity.
         shifts: a pure delay of these inputs ('held' or 'all'), which has no law.
@@ -76,6 +79,7 @@ class Effect:
     parameters: tuple[EffectParameter, ...]
     starts: Callable[[Span], Starts]
     refined: Callable[[Span, tuple[float, ...]], Starts] | None = None
+    told: Callable[[Span, tuple[float, ...]], bool] | None = None
     law: Callable[..., Any] | None = None
     reads: tuple[str, ...] = ()
     memory: int = 0

@@ -16,11 +16,17 @@ def law(v, s, p, z, h, c, z_next):  # type: ignore[no-untyped-def]
 
 def starts(span: Span) -> Starts:
     """Every number of periods that the movement tells from its neighbours, in both phases."""
-    reach = max(span.signals['position'], 1e-9)
-    step = min(max(0.5 / reach, 0.5), 6.0)
-    orders = [3.0 + step * k for k in range(int(60.0 / step))]
+    travel = max(span.travel['position'], 1e-9)
+    step = min(max(1.0 / travel, 0.5), 6.0)
     small = 0.03 * span.value
-    return [phase for n in orders for phase in ((small, 0.0, n), (0.0, small, n))]
+    return [values for k in range(int(60.0 / step))
+            for values in ((small, 0.0, 3.0 + step * k), (0.0, small, 3.0 + step * k))
+            if told(span, values)]
+
+
+def told(span: Span, values: tuple[float, ...]) -> bool:
+    """Less than three quarters of a period is a bias, or a spring, for all one can see."""
+    return values[2] * span.travel['position'] > 1.5 * math.pi
 
 
 EFFECT = Effect(
@@ -34,5 +40,6 @@ EFFECT = Effect(
         EffectParameter('periods', 'periods a turn', '1', 1.0, 1e3, log=False),
     ),
     starts=starts,
+    told=told,
     law=law,
 )

@@ -77,14 +77,34 @@ class Candidate:
         return assemble(self.plant, self.values, self.effects, self.sample_time, self.substeps,
                         self.timing)
 
-    @cached_property
-    def from_start(self) -> tuple[FloatArray, FloatArray]:
-        """Map the residual of the first samples to a correction of the state at the start.
+    def start(self, part: Part) -> FloatArray:
+        """Find the state at the begin of a part that its first samples show; (n,).
 
-        Returns:
-            (map (n, START), state scale): least squares along the directions in state space that
-            the first samples show.
+        Gauss-Newton from rest, under the whole model, along the directions in state space that
+        these samples tell.
         """
+        system = self.system
+        n = min(START, len(part.measured))
+        inputs, measured = part.inputs[:n], part.measured[:n]
+        x = system.start(inputs[0], measured[0])
+        scale = self._state_scale * max(rms(measured - measured.mean()), 1e-12)
+        miss = measured - system.run(inputs, x)
+        for _ in range(2):
+            columns = np.stack([
+                system.run(inputs, x + 1e-3 * scale * unit) - (measured - miss)
+                for unit in np.eye(len(x))], axis=1) / 1e-3
+            if not np.isfinite(columns).all():
+                break
+            trial = x + scale * (np.linalg.pinv(columns, rcond=0.01) @ miss)
+            left = measured - system.run(inputs, trial)
+            if not left @ left < miss @ miss:
+                break
+            x, miss = trial, left
+        return x
+
+    @cached_property
+    def _state_scale(self) -> FloatArray:
+        """How far each state must be off to move the output by one in the first samples, (n,)."""
         laws = self.system.laws
         Phi = expm(laws.A * self.sample_time)
         response = np.empty((START, len(Phi)))
@@ -92,20 +112,12 @@ class Candidate:
         for k in range(START):
             response[k] = row
             row = row @ Phi
-        scale = np.linalg.norm(response, axis=0)
-        scale[scale == 0.0] = 1.0
-        return np.linalg.pinv(response / scale, rcond=0.01), scale
+        size = np.sqrt(np.mean(response**2, axis=0))
+        return 1.0 / np.where(size > 0.0, size, 1.0)
 
     def run(self, part: Part, seen: FloatArray | None = None) -> FloatArray:
         """Run freely over a part, from the state that its first samples show; (N,)."""
-        system = self.system
-        x = system.start(part.inputs[0], part.measured[0])
-        n = min(START, len(part.measured))
-        first = system.run(part.inputs[:n], x)
-        if n == START and np.isfinite(first).all():
-            solve, scale = self.from_start
-            x = x + solve @ (part.measured[:n] - first) / scale
-        return system.run(part.inputs, x, seen)
+        return self.system.run(part.inputs, self.start(part), seen)
 
     def residual(self, part: Part) -> FloatArray:
         """Measured less free run over the scored samples of a part, (N - START,)."""

@@ -5,6 +5,8 @@ What an effect adds to its port is evaluated at the begin of a step and at its p
 is of second order; a force that jumps with the velocity is solved for the end of the step. With no
 effects the step is exact at any length.
 
+The memory z is that of the effects, then for each effect what an implicit one added last.
+
 Everything a step needs is in a few plain arrays, see `System` in system.py:
     M (n, n + 2m + 2P): x, inputs at begin and end, what effects add at begin and end -> next x
     O (P + S, n + m + P): x, inputs, what effects add -> values of the ports, then their signals
@@ -104,6 +106,7 @@ def advance(M, O, table, active, p, shift, held, substeps, sample_time, x, z, wo
     begin, end, linear, ahead = work[0, :m], work[1, :m], work[2, :n], work[3, :n]
     d0, d1, z_next, s = work[4, :P], work[5, :P], work[6, :len(z)], work[7]
     h = sample_time / substeps
+    kept = len(z) - len(table)
     for step in range(substeps):
         for j in range(m):
             now = inputs[k - 1, j]
@@ -130,6 +133,10 @@ def advance(M, O, table, active, p, shift, held, substeps, sample_time, x, z, wo
                 value = linear[i]
                 for j in active:
                     value += (M[i, at + j] + M[i, at + P + j]) * d0[j]
+                for e in range(len(table)):
+                    if table[e, IMPLICIT]:
+                        j = table[e, PORT]
+                        value += (M[i, at + j] + M[i, at + P + j]) * z[kept + e]
                 ahead[i] = value
             add_effects(O, table, active, p, ahead, end, z, h, s, z_next, d1)
             for i in range(n):
@@ -149,6 +156,7 @@ def advance(M, O, table, active, p, shift, held, substeps, sample_time, x, z, wo
                               z_next[table[e, Z_BEGIN]:table[e, Z_END]])
                 for i in range(n):
                     linear[i] += (M[i, at + port] + M[i, at + P + port]) * added
+                z_next[kept + e] = added
             for i in range(len(z)):
                 z[i] = z_next[i]
         for i in range(n):

@@ -22,7 +22,7 @@ class System:
     Attributes:
         laws: the linear laws they come from.
         shift: how late each input acts [samples].
-        memory: how many numbers the effects keep.
+        memory: how many numbers the effects keep, and one more for each.
     """
 
     plant: Plant
@@ -124,7 +124,7 @@ def assemble(plant: Plant, values: Mapping[str, float], effects: Sequence[Placed
             np.hstack([laws.signal_x, laws.signal_u, laws.signal_d])])),
         table=np.array(table, dtype=np.int64).reshape(-1, 9),
         active=np.array(active, dtype=np.int64), p=np.array(p, dtype=np.float64),
-        shift=late, held=held, substeps=steps, sample_time=T, memory=memory)
+        shift=late, held=held, substeps=steps, sample_time=T, memory=memory + len(table))
 
 
 def _signal_row(plant: Plant, placed: Placed, name: str) -> int:

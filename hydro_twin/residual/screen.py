@@ -35,19 +35,23 @@ class Prospect:
 def spans(candidate: Candidate, parts: Sequence[Part]) -> dict[Port, Span]:
     """Find how far each port and signal moves when the candidate runs over the parts."""
     plant = candidate.plant
-    largest = np.zeros(len(candidate.system.O))
+    rows = len(candidate.system.O)
+    low, high = np.full(rows, np.inf), np.full(rows, -np.inf)
     for part in parts:
-        seen = np.zeros((len(part.inputs), len(largest)))
+        seen = np.zeros((len(part.inputs), rows))
         candidate.run(part, seen)
-        largest = np.maximum(largest, np.abs(np.nan_to_num(seen)).max(axis=0))
+        seen = np.nan_to_num(seen)
+        low, high = np.minimum(low, seen.min(axis=0)), np.maximum(high, seen.max(axis=0))
+    largest = np.maximum(np.maximum(abs(low), abs(high)), 1e-12)
     found, at = {}, len(plant.ports)
     for row, port in enumerate(plant.ports):
-        signals = dict(zip(port.signals, map(float, largest[at:at + len(port.signals)]),
-                           strict=True))
-        at += len(port.signals)
-        found[port] = Span(max(float(largest[row]), 1e-12),
-                           {name: max(value, 1e-12) for name, value in signals.items()},
-                           candidate.sample_time)
+        here = slice(at, at + len(port.signals))
+        found[port] = Span(
+            float(largest[row]),
+            dict(zip(port.signals, largest[here].tolist(), strict=True)),
+            dict(zip(port.signals, (high - low)[here].tolist(), strict=True)),
+            candidate.sample_time)
+        at = here.stop
     return found
 
 
@@ -85,9 +89,10 @@ def screen(fit: Fit, parts: Sequence[Part], each: int = 2) -> list[Prospect]:
         moved = moved - basis @ (basis.T @ moved)
         size = float(moved @ moved)
         along = float(moved @ residual)
-        if not math.isfinite(size) or size <= 0.0 or along <= 0.0:
+        if not math.isfinite(size) or size <= 0.0:
             continue
-        prospect = Prospect(placed, along**2 / (size * power), along / size)
+        right_way = max(along, 0.0)
+        prospect = Prospect(placed, right_way**2 / (size * power), right_way / size)
         prospects.setdefault((placed.effect.id, placed.port.kind + placed.port.name),
                              []).append(prospect)
     best = [sorted(some, key=_promise, reverse=True)[:each] for some in prospects.values()]
@@ -97,4 +102,6 @@ def screen(fit: Fit, parts: Sequence[Part], each: int = 2) -> list[Prospect]:
 
 def _promise(prospect: Prospect) -> float:
     """Share explained, less where the start is far too weak or too strong to trust its shape."""
+    if prospect.gain <= 0.0:
+        return 0.0
     return prospect.share / (1.0 + 0.05 * math.log(prospect.gain) ** 2)

@@ -27,8 +27,8 @@ from hydro_twin.plants.plant import FloatArray
 from hydro_twin.residual.noise import autoregression, whiten
 from hydro_twin.residual.screen import Prospect, screen, spans
 
-TRIED = 9               # effects fitted in full in a round
-KEPT = 4                # of these, searched to the end
+AGAIN = 5               # effects, the best by their score, that start from two places
+KEPT = 4                # effects searched to the end
 SHORT, LONG = 7, 40     # evaluations of a search: to compare, to the end
 
 
@@ -94,12 +94,22 @@ def gain_p_value(before: Fit, after: Fit, tried: int) -> float:
     return min(1.0, math.exp(max(log_p, -700.0)))
 
 
-def contend(base: Fit, parts: Sequence[Part],
+def contend(base: Fit, parts: Sequence[Part], most: int,
             progress: Callable[[str], None] = lambda _: None) -> list[Contender]:
-    """Fit the promising effects on top of a base in full; best first."""
+    """Fit effects on top of a base in full; best first.
+
+    A small score does not rule an effect out: re-tuning may imitate it where the base stands,
+    but not where the full fit would stand.
+
+    Args:
+        base: what they are added to.
+        parts: what is fitted.
+        most: how many effects to fit, by their score; delays, which are cheap, always.
+        progress: told what is being fitted.
+    """
     prospects = screen(base, parts)
     tried: list[Fit] = []
-    for placed in _shortlist(prospects):
+    for placed in shortlist(prospects, most):
         progress(f'{placed.effect.id} at {placed.port.name}')
         candidate = replace(base.candidate, effects=(*base.candidate.effects, placed))
         if placed.effect.shifts:
@@ -117,7 +127,7 @@ def finish(tried: Sequence[Fit], base: Fit, parts: Sequence[Part]) -> list[Conte
     ranked = sorted(best.values(), key=lambda fit: fit.cost)
     done = [search(fit.candidate, parts, LONG) for fit in ranked[:KEPT]]
     done = [refine(fit, parts) for fit in done]
-    fits = done + ranked[KEPT:]
+    fits = [fit for fit in done + ranked[KEPT:] if told(fit, parts)]
     if not fits:
         return []
     order = np.argsort(criterion(fits), kind='stable')
@@ -139,18 +149,23 @@ def refine(fit: Fit, parts: Sequence[Part]) -> Fit:
     return forms[best] if scores[best] < scores[0] - CLEARLY else fit
 
 
+def told(fit: Fit, parts: Sequence[Part]) -> bool:
+    """Whether the recording tells the last effect, as fitted, from something simpler."""
+    last = fit.candidate.effects[-1]
+    return last.effect.told is None or last.effect.told(
+        spans(fit.candidate, parts)[last.port], last.values)
+
+
 CLEARLY = 10.0          # difference of the criterion from which one law is preferred to another
 
 
-def _shortlist(prospects: Sequence[Prospect]) -> list[Placed]:
-    """Take the best effects, each on each port: two starts for the best four, one for others."""
-    order: list[tuple[str, str, str]] = []
+def shortlist(prospects: Sequence[Prospect], most: int) -> list[Placed]:
+    """Take the best effects on their ports: two starts for the first few, one for the others."""
     starts: dict[tuple[str, str, str], list[Placed]] = {}
     for prospect in prospects:
         placed = prospect.placed
-        key = (placed.effect.id, placed.port.name, placed.port.kind)
-        if key not in starts:
-            order.append(key)
-        starts.setdefault(key, []).append(placed)
-    return [placed for rank, key in enumerate(order[:TRIED])
-            for placed in starts[key][:2 if rank < 4 else 1]]
+        starts.setdefault((placed.effect.id, placed.port.name, placed.port.kind), []).append(
+            placed)
+    return [placed for rank, some in enumerate(starts.values())
+            for placed in some[:2 if rank < AGAIN else 1]
+            if rank < most or placed.effect.shifts]

@@ -1,0 +1,198 @@
+"""The loop: fit, residual, effect, refit, until nothing more earns its place."""
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+
+from hydro_twin.fitting.free_run import Candidate, Fit, Part, fit_linear, parts_of, rms
+from hydro_twin.model import Model
+from hydro_twin.plants import Plant
+from hydro_twin.plants.plant import FloatArray
+from hydro_twin.recording.series import Recording
+from hydro_twin.residual.noise import Line, is_white, lines, noise_floor
+from hydro_twin.residual.proof import Improvement, improvement
+from hydro_twin.residual.select import (
+    CLEARLY,
+    Contender,
+    contend,
+    criterion,
+    gain_p_value,
+    search,
+    stretches,
+)
+from hydro_twin.residual.structure import Dependence, dependences, drift
+
+MOST = 4                # effects in a model
+LEVEL = 1e-3            # of a test, corrected for all that was tried
+WORTH = 0.01            # least share of the mean square error that an effect must take off
+FINE = 0.1              # largest error of the time stepping, as a share of the residual
+TRIED = 40              # starts tried in a round, for the correction
+
+
+@dataclass(frozen=True)
+class Finding:
+    """One effect that earned its place.
+
+    Attributes:
+        index: of the effect in the final candidate.
+        p_value: of what it adds, for all that was tried.
+        share: of the mean square error, as it was then, that it took off.
+        evidence: rise of the log-likelihood ratio, twice.
+        rivals: (contender, distance of the criterion) of the other effects, best first.
+    """
+
+    index: int
+    p_value: float
+    share: float
+    evidence: float
+    rivals: tuple[tuple[Contender, float], ...]
+
+
+@dataclass(frozen=True)
+class Trace:
+    """What tracing found.
+
+    Attributes:
+        before, after: the fit at the start and at the end, on the training parts.
+        train, test: the parts, in the order of the series.
+        proof: the improvement on the test parts.
+        floor: estimated RMS of the noise.
+        depends_on: what the residual at the end still depends on.
+        drifts: whether the parameters drift over the recording.
+    """
+
+    plant: Plant
+    before: Fit
+    after: Fit
+    train: Sequence[Part]
+    test: Sequence[Part]
+    findings: tuple[Finding, ...]
+    proof: Improvement
+    floor: float
+    white: bool
+    lines: tuple[Line, ...]
+    depends_on: tuple[Dependence, ...]
+    drifts: bool
+    sources: Recording = field(repr=False)
+
+
+def trace(train: Recording, test: Recording, plant: Plant,
+          constants: Mapping[str, float] | None = None, model: Model | None = None,
+          seed: int = 0, progress: Callable[[str], None] = lambda _: None) -> Trace:
+    """Find what a plant's linear model lacks of a recording.
+
+    Args:
+        train: what is fitted.
+        test: what is not, and judges.
+        plant: the plant.
+        constants: of the rig, where they differ from the plant's defaults.
+        model: where to start, instead of a fresh fit of the linear plant.
+        seed: of the random starts and of the bootstrap.
+        progress: told what is being done.
+
+    Raises:
+        DataError: a recording is too short, constant or not finite.
+    """
+    parts, unseen = parts_of(train, plant), parts_of(test, plant)
+    sample_time = train.series[0].sample_time
+    progress('linear model')
+    if model is None:
+        before = fit_linear(plant, parts, plant.constant_values(constants), sample_time,
+                            'physical', timing=True, seed=seed)
+    else:
+        before = search(candidate_of(model), parts, 1)
+    base = before if model is None else search(before.candidate, parts, 40)
+    findings: list[Finding] = []
+    while len(findings) < MOST:
+        contenders = contend(base, parts, 99 if not findings else 10, progress)
+        if not contenders or not earns(base, contenders[0].fit, unseen, seed):
+            break
+        findings.append(finding(base, contenders, len(base.candidate.effects)))
+        base = finely(contenders[0].fit, parts)
+        base, findings = prune(base, findings, parts)
+    after = search(base.candidate, parts, 60) if findings else base
+    pieces = stretches(after)
+    depends_on = dependences(after, parts, unseen)
+    return Trace(
+        plant=plant, before=before, after=after, train=parts, test=unseen,
+        findings=tuple(findings),
+        proof=improvement([before.candidate.residual(p) for p in unseen],
+                          [after.candidate.residual(p) for p in unseen], seed),
+        floor=noise_floor(pieces), white=is_white(pieces),
+        lines=tuple(lines(pieces, sample_time)), depends_on=tuple(depends_on),
+        drifts=drift(after) < LEVEL / 10, sources=train)
+
+
+def candidate_of(model: Model) -> Candidate:
+    """Take the values of a model."""
+    return Candidate(model.plant, model.values, model.sample_time, model.placed,
+                     dict(model.timing), model.substeps)
+
+
+def earns(before: Fit, after: Fit, unseen: Sequence[Part], seed: int) -> bool:
+    """Whether an effect earns its place: likely, worth it, and so on data it did not fit."""
+    if gain_p_value(before, after, TRIED) > LEVEL:
+        return False
+    if 1.0 - (after.error / before.error) ** 2 < WORTH:
+        return False
+    held_out = improvement([before.candidate.residual(p) for p in unseen],
+                           [after.candidate.residual(p) for p in unseen], seed)
+    return held_out.low > 0.0
+
+
+def finding(before: Fit, contenders: Sequence[Contender], index: int) -> Finding:
+    """Describe the best contender against the base and against the others."""
+    best, *others = contenders
+    scores = criterion([c.fit for c in contenders])
+    none, one = criterion([before, best.fit])
+    return Finding(
+        index=index, p_value=gain_p_value(before, best.fit, TRIED),
+        share=1.0 - (best.fit.error / before.error) ** 2, evidence=none - one,
+        rivals=tuple((c, score - scores[0]) for c, score in
+                     zip(others, scores[1:], strict=True)))
+
+
+def finely(fit: Fit, parts: Sequence[Part]) -> Fit:
+    """Shorten the steps until halving them changes the output little, then fit again."""
+    candidate = fit.candidate
+    while candidate.substeps < 64:
+        finer = replace(candidate, substeps=2 * candidate.substeps)
+        change = rms(np.concatenate([finer.run(p) - candidate.run(p) for p in parts]))
+        if change < FINE * fit.error:
+            break
+        candidate = finer
+    return fit if candidate is fit.candidate else search(candidate, parts, 40)
+
+
+def prune(fit: Fit, findings: list[Finding], parts: Sequence[Part]
+          ) -> tuple[Fit, list[Finding]]:
+    """Drop the effects found earlier that a later one has made needless."""
+    last = len(fit.candidate.effects) - 1
+    for found in findings[:-1]:
+        effects = list(fit.candidate.effects)
+        del effects[found.index]
+        without = search(replace(fit.candidate, effects=tuple(effects)), parts, 40)
+        scores = criterion([fit, without])
+        if scores[1] < scores[0] + CLEARLY:
+            kept = [replace(f, index=f.index - (f.index > found.index)) for f in findings
+                    if f is not found]
+            return prune(without, kept, parts) if last > 1 else (without, kept)
+    return fit, findings
+
+
+def one_step(candidate: Candidate, part: Part) -> FloatArray:
+    """Error of the one-step prediction of the integrated laws on a part, scored samples only.
+
+    y_s(k) less what the exact characteristic polynomial carries on of the past differences.
+    """
+    from scipy.signal import lfilter
+
+    from hydro_twin.fitting.free_run import START
+    from hydro_twin.plants.difference_equation import characteristic
+
+    a = characteristic(candidate.system.laws, candidate.sample_time)
+    difference = part.measured - candidate.run(part)
+    error: FloatArray = lfilter(np.concatenate([[1.0], a]), 1.0, difference)[START:]
+    return error
