@@ -1,0 +1,169 @@
+import json
+
+import numpy as np
+import pytest
+
+from hydro_twin.commands.main import main
+from hydro_twin.model import read_model
+from hydro_twin.plants import PLANTS
+from hydro_twin.recording.digest import source_of
+
+TRUTH = {'J': 0.06, 'G': 9.5e3, 'K_p': 0.011, 'B_m': 45.0, 'K_ce': 4e-12}
+
+
+@pytest.fixture(scope='module')
+def bag(tmp_path_factory):
+    path = tmp_path_factory.mktemp('refit') / 'bag'
+    assert main(['simulate', '--plant', 'load_simulator', '-o', str(path), '--duration', '1.5',
+                 '--snr', '45', '--excitation', 'u_m=multisine:highest=25', '--excitation',
+                 'u_m=chirp', *(f'--set={name}={value}' for name, value in TRUTH.items())]) == 0
+    return path
+
+
+def refit(capsys, bag, out, *more, plant='load_simulator'):
+    status = main(['refit', str(bag), '--plant', plant, '-o', str(out), '--json', *more])
+    stdout, err = capsys.readouterr()
+    return status, json.loads(stdout) if stdout else None, err
+
+
+def test_finds_what_the_simulation_was_given(bag, tmp_path, capsys):
+    out = tmp_path / 'model.yaml'
+    status, result, _ = refit(capsys, bag, out)
+    assert status == 0
+    for name, value in TRUTH.items():
+        found = result['parameters'][name]
+        assert found['identifiable']
+        # theta_d is known only at the samples, which costs a little on top of the noise.
+        assert abs(found['value'] - value) < 4 * found['std_error'] + 0.01 * value
+        assert found['std_error'] < 0.1 * value
+    values = {name: p['value'] for name, p in result['parameters'].items()}
+    # Of the paper's nine only these products can be known, not their factors.
+    true = {p.name: (p.lower * p.upper) ** 0.5 for p in PLANTS['load_simulator'].parameters}
+    assert values['K_q'] * values['K_sv'] == pytest.approx(true['K_q'] * true['K_sv'], rel=0.01)
+    assert values['V_m'] / values['beta_e'] == pytest.approx(true['V_m'] / true['beta_e'],
+                                                            rel=0.01)
+    for name in ('K_q', 'K_sv', 'V_m', 'beta_e'):
+        assert result['parameters'][name]['std_error'] is None
+        assert not result['parameters'][name]['identifiable']
+    assert set(result['combinations']) == {'V_m/beta_e', 'K_q*K_sv'}
+    for part in ('train', 'test'):
+        assert set(result[part]) == {'one_step', 'free_run'}
+        assert result[part]['free_run'] < 0.5
+        assert result['unconstrained'][part] <= result[part]['one_step']
+        assert result[part]['one_step'] < result['persistence'][part]
+
+
+def test_the_model_file_knows_where_it_came_from(bag, tmp_path, capsys):
+    out = tmp_path / 'model.yaml'
+    _, result, _ = refit(capsys, bag, out, '--criterion', 'one_step', '--seed', '3')
+    model = read_model(out)
+    assert {name: p.value for name, p in model.parameters.items()} == {
+        name: p['value'] for name, p in result['parameters'].items()}
+    assert model.errors['after']['free_run'] == {
+        part: result[part]['free_run'] for part in ('train', 'test')}
+    assert model.promised('one_step') == result['test']['one_step']
+    assert model.provenance['bags'] == [{'path': str(bag), 'sha256': source_of(bag).sha256}]
+    assert model.provenance['seed'] == 3
+    assert model.provenance['method'] == 'least_squares'
+    assert model.provenance['criterion'] == 'one_step'
+    assert {'command', 'version'} <= set(model.provenance)
+
+
+def test_replay_of_what_was_fitted_agrees(bag, tmp_path, capsys):
+    out = tmp_path / 'model.yaml'
+    _, result, _ = refit(capsys, bag, out, '--test', str(bag))
+    assert result['train'] == result['test']
+    main(['replay', str(bag), '--model', str(out), '--json'])
+    replayed = json.loads(capsys.readouterr().out)
+    assert replayed['one_step']['rmse'] == pytest.approx(result['test']['one_step'], rel=0.01)
+    assert replayed['free_run']['rmse'] == pytest.approx(result['test']['free_run'], rel=0.5)
+
+
+@pytest.mark.parametrize('method', ['random', 'pso'])
+def test_population_methods_of_the_paper(bag, tmp_path, capsys, method):
+    status, result, _ = refit(capsys, bag, tmp_path / 'model.yaml', '--method', method)
+    assert status == 0
+    direct = refit(capsys, bag, tmp_path / 'model.yaml', '--criterion', 'one_step')[1]
+    # No search beats least squares on the error that both minimise.
+    assert direct['train']['one_step'] <= result['train']['one_step'] * (1 + 1e-9)
+    assert result['train']['one_step'] < result['persistence']['train']
+    for p in PLANTS['load_simulator'].parameters:
+        assert p.lower <= result['parameters'][p.name]['value'] <= p.upper
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize('kind', ['mlp', 'hybrid'])
+def test_networks(bag, tmp_path, capsys, kind):
+    pytest.importorskip('torch')
+    out = tmp_path / 'model.yaml'
+    status, result, _ = refit(capsys, bag, out, '--predictor', kind)
+    assert status == 0
+    assert (tmp_path / 'model.safetensors').is_file()
+    assert result['train']['one_step'] < result['persistence']['train']
+    assert bool(result['parameters']) == (kind == 'hybrid')
+    assert main(['replay', str(bag), '--model', str(out), '--json']) == 0
+    replayed = json.loads(capsys.readouterr().out)
+    assert replayed['one_step']['rmse'] == pytest.approx(
+        np.hypot(*(np.sqrt(share) * result[part]['one_step']
+                   for part, share in (('train', 2 / 3), ('test', 1 / 3)))), rel=0.05)
+
+
+def test_valve_servo_by_its_published_method(tmp_path, capsys):
+    bag = tmp_path / 'bag'
+    assert main(['simulate', '--plant', 'valve_servo', '-o', str(bag), '--duration', '12',
+                 '--set', 'T_y=0.0203', '--set', 'T_c=0.294', '--set', 'tau=0.00293', '--set',
+                 'k_1=1.093', '--excitation', 'command=steps:amplitude=0.4']) == 0
+    capsys.readouterr()
+    status, result, _ = refit(capsys, bag, tmp_path / 'model.yaml', '--method', 'network',
+                              plant='valve_servo')
+    assert status == 0
+    assert result['parameters']['k_1']['value'] == 1.093
+    assert result['parameters']['T_c']['value'] == pytest.approx(0.294, rel=0.2)
+
+
+@pytest.mark.parametrize(('arguments', 'says'), [
+    (['--method', 'pso', '--criterion', 'free_run'], 'only least_squares knows'),
+    (['--method', 'network', '--criterion', 'one_step'], 'for the valve_servo'),
+    (['--method', 'guess'], "invalid choice: 'guess'"),
+    (['--constant', 'D_m=0'], 'must be a positive number'),
+    (['--test', 'nowhere'], 'nowhere: no such bag'),
+])
+def test_bad_input_ends_with_one_line_and_no_model(bag, tmp_path, capsys, arguments, says):
+    try:
+        status, _, err = refit(capsys, bag, tmp_path / 'model.yaml', *arguments)
+    except SystemExit as end:
+        status, err = end.code, capsys.readouterr().err
+    assert status == 2
+    assert says in err
+    assert err.count('\n') == 1
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_a_bag_that_is_too_short_or_still(tmp_path, capsys):
+    short = tmp_path / 'short'
+    main(['simulate', '--plant', 'load_simulator', '-o', str(short), '--duration', '0.1'])
+    still = tmp_path / 'still'
+    main(['simulate', '--plant', 'load_simulator', '-o', str(still), '--duration', '1',
+          '--excitation', 'u_m=sine:amplitude=0', '--excitation', 'theta_d=sine:amplitude=0'])
+    capsys.readouterr()
+    status, _, err = refit(capsys, short, tmp_path / 'model.yaml')
+    assert status == 2
+    assert 'long enough' in err
+    status, _, err = refit(capsys, still, tmp_path / 'model.yaml')
+    assert status == 2
+    assert 'constant' in err
+    assert not (tmp_path / 'model.yaml').exists()
+
+
+def test_a_folder_that_is_not_there(bag, tmp_path, capsys):
+    status, _, err = refit(capsys, bag, tmp_path / 'nowhere' / 'model.yaml')
+    assert status == 2
+    assert 'no folder' in err
+
+
+def test_for_a_person(bag, tmp_path, capsys):
+    assert main(['refit', str(bag), '--plant', 'load_simulator', '-o',
+                 str(tmp_path / 'model.yaml'), '--criterion', 'one_step']) == 0
+    out = capsys.readouterr().out
+    assert 'not identifiable' in out
+    assert 'last sample' in out

@@ -1,0 +1,167 @@
+from dataclasses import replace
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+from rosbags.highlevel import AnyReader
+
+from hydro_twin.commands.main import main
+from hydro_twin.model import Estimate, FittedEffect, Model, place, write_model
+from hydro_twin.plants import PLANTS
+from hydro_twin.predictors import load
+
+PLANT = PLANTS['load_simulator']
+MODEL = Model(PLANT, {p.name: Estimate(1.02 * (p.lower * p.upper) ** 0.5)
+                      for p in PLANT.parameters}, PLANT.constant_values(), 0.002)
+
+
+@pytest.fixture(scope='module')
+def bag(tmp_path_factory):
+    path = tmp_path_factory.mktemp('replay') / 'bag'
+    assert main(['simulate', '--plant', 'load_simulator', '-o', str(path), '--duration', '0.8',
+                 '--snr', '35']) == 0
+    return path
+
+
+@pytest.fixture
+def model(tmp_path):
+    path = tmp_path / 'model.yaml'
+    write_model(MODEL, path)
+    return path
+
+
+def replay(capsys, *arguments):
+    status = main(['replay', *map(str, arguments), '--json'])
+    out, err = capsys.readouterr()
+    return status, json.loads(out) if out else None, err
+
+
+def columns(path):
+    """The bag by rosbags' own reader: topic -> stamps and values."""
+    found = {}
+    with AnyReader([path]) as reader:
+        for connection, _, raw in reader.messages():
+            message = reader.deserialize(raw, connection.msgtype)
+            stamp = message.header.stamp.sec * 10**9 + message.header.stamp.nanosec
+            found.setdefault(connection.topic, []).append(
+                (stamp, *message.position, *message.effort))
+    return {topic: np.array(rows, object) for topic, rows in found.items()}
+
+
+def eq_1(y, u, theta):
+    from hydro_twin.plants.load_simulator_eq1 import coefficients
+
+    values = [[MODEL.parameters[p.name].value for p in PLANT.parameters]]
+    c = coefficients(np.array(values), 2e-5, 0.002)[0]
+    return np.array([c @ [*y[k - 4:k][::-1], *u[k - 4:k + 1][::-1], *theta[k - 4:k + 1][::-1]]
+                     for k in range(4, len(y))])
+
+
+def test_errors_are_those_of_a_reader_and_an_equation_of_ones_own(bag, model, capsys):
+    status, result, _ = replay(capsys, bag, '--model', model)
+    assert status == 0
+    content = columns(bag)
+    u = content['/load_simulator/command'][:, 1].astype(float)
+    states = content['/load_simulator/joint_states']
+    theta, y = states[:, 1].astype(float), states[:, 2].astype(float)
+    error, kept = [], []
+    for k in range(3):
+        part = slice(400 * k, 400 * (k + 1))
+        error.append(y[part][4:] - eq_1(y[part], u[part], theta[part]))
+        kept.append(y[part][4:])
+    error, kept = np.concatenate(error), np.concatenate(kept)
+    assert result['samples'] == 1200
+    assert result['series'] == 3
+    assert result['unit'] == 'N m'
+    assert result['one_step']['rmse'] == pytest.approx(np.sqrt(np.mean(error ** 2)), rel=1e-9)
+    fit = 100 * (1 - np.linalg.norm(error) / np.linalg.norm(kept - kept.mean()))
+    assert result['one_step']['fit_percent'] == pytest.approx(fit, rel=1e-9)
+    steps = np.concatenate([np.diff(y[400 * k:400 * (k + 1)]) for k in range(3)])
+    assert result['persistence']['rmse'] == pytest.approx(np.sqrt(np.mean(steps ** 2)), rel=1e-12)
+    assert 0 < result['free_run']['rmse'] < 5
+    assert 90 < result['free_run']['fit_percent'] < 100
+
+
+def test_output_holds_the_input_and_the_predictions_beside_it(bag, model, tmp_path, capsys):
+    out = tmp_path / 'out'
+    status, _, _ = replay(capsys, bag, '--model', model, '-o', out)
+    assert status == 0
+    before, after = columns(bag), columns(out)
+    for topic, rows in before.items():
+        np.testing.assert_array_equal(after[topic], rows)
+    states = before['/load_simulator/joint_states']
+    one_step = after['/hydro_twin/one_step/prediction']
+    free_run = after['/hydro_twin/free_run/prediction']
+    stamps = np.concatenate([states[400 * k + 4:400 * (k + 1), 0] for k in range(3)])
+    np.testing.assert_array_equal(one_step[:, 0], stamps)
+    np.testing.assert_array_equal(free_run[:, 0], stamps)
+    y, theta = states[:, 2].astype(float), states[:, 1].astype(float)
+    u = before['/load_simulator/command'][:, 1].astype(float)
+    expected = np.concatenate([eq_1(*(column[400 * k:400 * (k + 1)] for column in (y, u, theta)))
+                               for k in range(3)])
+    np.testing.assert_allclose(one_step[:, 1].astype(float), expected, rtol=1e-9, atol=1e-8)
+
+
+def test_a_config_says_where_signals_are(bag, model, tmp_path, capsys):
+    shipped = Path(__file__).parents[2] / 'config' / 'load_simulator.yaml'
+    text = shipped.read_text()
+    halves = text.split('T_g:')
+    config = tmp_path / 'rig.yaml'
+    config.write_text(halves[0] + 'T_g:' + halves[1].replace('scale: 1.0', 'scale: 2.0', 1))
+    _, plain, _ = replay(capsys, bag, '--model', model)
+    status, doubled, _ = replay(capsys, bag, '--model', model, '--config', config)
+    assert status == 0
+    assert doubled['persistence']['rmse'] == pytest.approx(2 * plain['persistence']['rmse'])
+
+
+def test_a_run_that_diverges_has_no_error_but_null(bag, tmp_path, capsys):
+    wild = replace(MODEL, effects=(FittedEffect(
+        place('stiffening', 'coupling', {'cubic': 1e13}, PLANT)),), substeps=1)
+    path = tmp_path / 'wild.yaml'
+    write_model(wild, path)
+    assert np.isnan(load(path).free_run(read(bag)[0])).any()
+    status, result, _ = replay(capsys, bag, '--model', path)
+    assert status == 0
+    assert result['free_run'] == {'rmse': None, 'fit_percent': None}
+
+
+def read(bag):
+    from hydro_twin.commands.common import read as read_bags
+    from hydro_twin.commands.common import rig_of
+    return read_bags([bag], rig_of(PLANT)).series
+
+
+def test_for_a_person(bag, model, capsys):
+    assert main(['replay', str(bag), '--model', str(model)]) == 0
+    out = capsys.readouterr().out
+    assert 'free run' in out
+    assert '[N m]' in out
+
+
+@pytest.mark.parametrize(('arguments', 'says'), [
+    (['BAG'], '--model is needed'),
+    (['BAG', '--model', 'nowhere.yaml'], 'nowhere.yaml: no model file'),
+    (['nowhere', '--model', 'MODEL'], 'nowhere: no such bag'),
+    (['MODEL', '--model', 'MODEL'], 'not a rosbag2 bag'),
+    (['BAG', '--model', 'MODEL', '-o', 'BAG'], 'exists already'),
+    (['BAG', '--model', 'MODEL', '-o', '/nowhere/out'], 'no folder'),
+    (['BAG', '--model', 'MODEL', '--config', 'nowhere.yaml'], 'nowhere.yaml'),
+])
+def test_bad_input_ends_with_one_line(bag, model, capsys, arguments, says):
+    names = {'BAG': bag, 'MODEL': model}
+    status, result, err = replay(capsys, *(names.get(a, a) for a in arguments))
+    assert status == 2
+    assert result is None
+    assert says in err
+    assert err.count('\n') == 1
+
+
+def test_a_model_of_another_plant_finds_no_topic(bag, tmp_path, capsys):
+    path = tmp_path / 'model.yaml'
+    plant = PLANTS['cylinder']
+    write_model(Model(plant, {'tau': Estimate(0.1), 'K_v': Estimate(0.1)}, {}, 0.002), path)
+    status, _, err = replay(capsys, bag, '--model', path)
+    assert status == 2
+    assert '/cylinder/command' in err
+    assert '/load_simulator/joint_states' in err     # and says what there is
