@@ -199,7 +199,7 @@ def show(result: dict[str, Any], console: Console) -> None:
                           highlight=False)
     if result['hidden']:
         console.print(f'hidden layers: {", ".join(map(str, result["hidden"]))}', highlight=False)
-    table = Table(f'RMS error [{result["unit"]}]', 'train', 'test')
+    table = Table(f'RMS error, {result["unit"]}', 'train', 'test')
     for mode in ('one_step', 'free_run'):
         table.add_row(mode.replace('_', ' '),
                       *(f'{result[part][mode]:.4g}' for part in ('train', 'test')))

@@ -119,7 +119,7 @@ def show(result: dict[str, Any], console: Console) -> None:
 
     unit = result['unit']
     console.print(f'{result["samples"]} samples in {result["series"]} series')
-    table = Table('', f'RMS error [{unit}]', 'fit [%]')
+    table = Table('', f'RMS error, {unit}', 'fit, %')
     for mode in ('one_step', 'free_run'):
         table.add_row(mode.replace('_', ' '), f'{result[mode]["rmse"]:.4g}',
                       f'{result[mode]["fit_percent"]:.2f}')

@@ -136,7 +136,7 @@ def test_for_a_person(bag, model, capsys):
     assert main(['replay', str(bag), '--model', str(model)]) == 0
     out = capsys.readouterr().out
     assert 'free run' in out
-    assert '[N m]' in out
+    assert 'RMS error, N m' in out
 
 
 @pytest.mark.parametrize(('arguments', 'says'), [
