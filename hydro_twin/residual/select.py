@@ -29,7 +29,7 @@ from hydro_twin.residual.screen import Prospect, screen, spans
 
 AGAIN = 5               # effects, the best by their score, that start from two places
 KEPT = 4                # effects searched to the end
-SHORT, LONG = 7, 40     # evaluations of a search: to compare, to the end
+SHORT, LONG = 10, 40     # evaluations of a search: to compare, to the end
 
 
 @dataclass(frozen=True)
@@ -54,15 +54,19 @@ def stretches(fit: Fit) -> list[FloatArray]:
     return np.split(fit.residual, np.cumsum(fit.lengths)[:-1])
 
 
-def search(candidate: Candidate, parts: Sequence[Part], evaluations: int) -> Fit:
-    """Fit all physical parameters, timing and effects of a candidate from where it stands."""
+def search(candidate: Candidate, parts: Sequence[Part], evaluations: int,
+           tangent: Fit | None = None) -> Fit:
+    """Fit all physical parameters, timing and effects of a candidate from where it stands.
+
+    See `Problem` for the tangent.
+    """
     plant = candidate.plant
     delayed = any(placed.effect.shifts for placed in candidate.effects)
     unknowns = plant_unknowns(plant, 'physical')
     unknowns += [] if delayed else timing_unknowns(plant, candidate.sample_time)
     for index, placed in enumerate(candidate.effects):
         unknowns += effect_unknowns(index, placed)
-    return Problem(candidate, unknowns, parts).solve(evaluations, 1e-5)
+    return Problem(candidate, unknowns, parts, tangent).solve(evaluations, 1e-5)
 
 
 def criterion(fits: Sequence[Fit]) -> list[float]:
@@ -114,7 +118,7 @@ def contend(base: Fit, parts: Sequence[Part], most: int,
         candidate = replace(base.candidate, effects=(*base.candidate.effects, placed))
         if placed.effect.shifts:
             candidate = replace(candidate, timing={})
-        tried.append(search(candidate, parts, SHORT))
+        tried.append(search(candidate, parts, SHORT, base))
     return finish(tried, base, parts)
 
 

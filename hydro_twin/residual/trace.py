@@ -27,7 +27,8 @@ from hydro_twin.residual.structure import Dependence, dependences, drift
 MOST = 4                # effects in a model
 LEVEL = 1e-3            # of a test, corrected for all that was tried
 WORTH = 0.01            # least share of the mean square error that an effect must take off
-FINE = 0.1              # largest error of the time stepping, as a share of the residual
+FINE = 0.2              # largest error of the time stepping, as a share of the residual
+FINEST = 16             # steps in a sample
 TRIED = 40              # starts tried in a round, for the correction
 
 
@@ -157,9 +158,11 @@ def finding(before: Fit, contenders: Sequence[Contender], index: int) -> Finding
 def finely(fit: Fit, parts: Sequence[Part]) -> Fit:
     """Shorten the steps until halving them changes the output little, then fit again."""
     candidate = fit.candidate
-    while candidate.substeps < 64:
+    while candidate.substeps < FINEST:
         finer = replace(candidate, substeps=2 * candidate.substeps)
-        change = rms(np.concatenate([finer.run(p) - candidate.run(p) for p in parts]))
+        starts = [(part.inputs, candidate.start(part)) for part in parts]
+        change = rms(np.concatenate([finer.system.run(*start) - candidate.system.run(*start)
+                                     for start in starts]))
         if change < FINE * fit.error:
             break
         candidate = finer
