@@ -21,11 +21,13 @@ from hydro_twin.fitting.free_run import (
     Problem,
     effect_unknowns,
     plant_unknowns,
+    rms,
     timing_unknowns,
+    usual,
 )
 from hydro_twin.plants.plant import FloatArray
 from hydro_twin.residual.noise import autoregression, whiten
-from hydro_twin.residual.screen import Prospect, screen, spans
+from hydro_twin.residual.screen import Prospect, places, screen, spans
 
 AGAIN = 5               # effects, the best by their score, that start from two places
 KEPT = 4                # effects searched to the end
@@ -98,39 +100,59 @@ def gain_p_value(before: Fit, after: Fit, tried: int) -> float:
     return min(1.0, math.exp(max(log_p, -700.0)))
 
 
-def contend(base: Fit, parts: Sequence[Part], most: int,
+def contend(base: Fit, parts: Sequence[Part], most: int, afresh: bool,
             progress: Callable[[str], None] = lambda _: None) -> list[Contender]:
     """Fit effects on top of a base in full; best first.
 
     A small score does not rule an effect out: re-tuning may imitate it where the base stands,
-    but not where the full fit would stand.
+    but not where the full fit would stand. And a strong effect bends the linear fit so far that
+    no path leads on from there, so a first round also starts from the middle of the box.
 
     Args:
         base: what they are added to.
         parts: what is fitted.
         most: how many effects to fit, by their score; delays, which are cheap, always.
+        afresh: whether to fit every effect with the plant from the middle of its box, too.
         progress: told what is being fitted.
     """
     prospects = screen(base, parts)
     tried: list[Fit] = []
     for placed in shortlist(prospects, most):
         progress(f'{placed.effect.id} at {placed.port.name}')
-        candidate = replace(base.candidate, effects=(*base.candidate.effects, placed))
-        if placed.effect.shifts:
-            candidate = replace(candidate, timing={})
-        tried.append(search(candidate, parts, SHORT, base))
-    return finish(tried, base, parts)
+        tried.append(search(with_effect(base.candidate, placed), parts, SHORT, base))
+    if afresh:
+        middle = {name: math.exp(0.5 * (low + high))
+                  for name, (low, high) in usual(base.candidate.plant).items()}
+        plain = replace(base.candidate, values={**base.candidate.values, **middle}, timing={})
+        reach = spans(base.candidate, parts)
+        for effect, port in places(base.candidate.plant, base.candidate.effects):
+            progress(f'{effect.id} at {port.name}, afresh')
+            starts = [with_effect(plain, Placed(effect, port, tuple(values)))
+                      for values in effect.starts(reach[port])]
+            if starts:
+                tried.append(search(min(starts, key=lambda c: far(c, parts)), parts, SHORT))
+    return finish(tried, parts)
 
 
-def finish(tried: Sequence[Fit], base: Fit, parts: Sequence[Part]) -> list[Contender]:
+def with_effect(candidate: Candidate, placed: Placed) -> Candidate:
+    """Add an effect; a delay takes the place of the timing."""
+    return replace(candidate, effects=(*candidate.effects, placed),
+                   timing={} if placed.effect.shifts else candidate.timing)
+
+
+def far(candidate: Candidate, parts: Sequence[Part]) -> float:
+    """RMS of the residual as it stands, very large where the run diverges."""
+    return rms(np.nan_to_num(np.concatenate([candidate.residual(p) for p in parts]), nan=1e30))
+
+
+def finish(tried: Sequence[Fit], parts: Sequence[Part]) -> list[Contender]:
     """Search the best fits to the end, refine their last effects, and rank all of them."""
     best: dict[tuple[str, str], Fit] = {}
     for fit in sorted(tried, key=lambda fit: fit.cost):
         last = fit.candidate.effects[-1]
         best.setdefault((last.effect.id, last.port.name), fit)
     ranked = sorted(best.values(), key=lambda fit: fit.cost)
-    done = [search(fit.candidate, parts, LONG) for fit in ranked[:KEPT]]
-    done = [refine(fit, parts) for fit in done]
+    done = [refine(search(fit.candidate, parts, LONG), parts) for fit in ranked[:KEPT]]
     fits = [fit for fit in done + ranked[KEPT:] if told(fit, parts)]
     if not fits:
         return []

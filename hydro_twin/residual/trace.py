@@ -29,6 +29,7 @@ LEVEL = 1e-3            # of a test, corrected for all that was tried
 WORTH = 0.01            # least share of the mean square error that an effect must take off
 FINE = 0.2              # largest error of the time stepping, as a share of the residual
 FINEST = 16             # steps in a sample
+EVERY, LATER = 1000, 8  # effects fitted in full in the first round and later
 TRIED = 40              # starts tried in a round, for the correction
 
 
@@ -107,7 +108,7 @@ def trace(train: Recording, test: Recording, plant: Plant,
     base = before if model is None else search(before.candidate, parts, 40)
     findings: list[Finding] = []
     while len(findings) < MOST:
-        contenders = contend(base, parts, 99 if not findings else 10, progress)
+        contenders = contend(base, parts, LATER if findings else EVERY, not findings, progress)
         if not contenders or not earns(base, contenders[0].fit, unseen, seed):
             break
         findings.append(finding(base, contenders, len(base.candidate.effects)))
