@@ -133,6 +133,8 @@ class Aligner:
         Returns:
             True if they are there or given up, False to wait, None if a gap ends the series.
         """
+        if due > self._horizon + max(self._silence - self._wait, 0):
+            return False   # nobody is there yet
         now = self._horizon + self._silence
         ready = True
         for track in self.tracks:

@@ -1,0 +1,230 @@
+"""The live twin on serialised messages: what a rig sends, and what a rig must not send."""
+from __future__ import annotations
+
+import math
+
+from live_rig import Echo, joint_state, model, PLANT, SIGNALS, Sink, START, STEP
+import pytest
+
+from hydro_twin.errors import ModelError
+from hydro_twin.live.diagnostics import Diagnosis, Level
+from hydro_twin.live.live import Live
+from hydro_twin.live.models import choices, load_twin, same_inputs, taste
+from hydro_twin.live.outlet import Outlet
+from hydro_twin.live.reader import Reader
+from hydro_twin.live.twin import Twin
+from hydro_twin.live.writer import Writer
+from hydro_twin.model import write_model
+from hydro_twin.recording.cdr import CdrError
+from hydro_twin.recording.signals import SignalMap
+
+
+def expected(ks: range) -> list[tuple[int, float, float, float, bool]]:
+    return [(START + k * STEP, k, 2 * k, 3 * k, k == ks[0]) for k in ks]
+
+
+def said(sink: Sink, part: str, publishers: int = 1) -> tuple[Level, str]:
+    diagnosis = Diagnosis(sink.live, [])
+    statuses = diagnosis.statuses(0, 1.0, {f.topic: publishers for f in sink.live.feeds})
+    return next((s.level, s.message) for s in statuses if part in s.part)
+
+
+def test_messages_become_samples() -> None:
+    sink = Sink()
+    sink.run(range(50))
+    assert sink.samples == expected(range(50))
+    assert said(sink, '/joint_states') == (Level.OK, 'coming in')
+
+
+def test_joints_may_change_places_and_messages_their_size() -> None:
+    sink = Sink()
+    for k in range(40):
+        sink.feed(0, joint_state(START + k * STEP, ['valve'], [k], frame='rig' * (k % 3)))
+        names, position, effort = ['shaft', 'other'], [2 * k, -1], [3 * k, -1]
+        turn = 1 if k % 2 else -1
+        sink.feed(1, joint_state(START + k * STEP, names[::turn], position[::turn],
+                                 effort[::turn]))
+    assert sink.samples == expected(range(40))
+
+
+def test_messages_about_other_joints_are_none_of_ours() -> None:
+    sink = Sink()
+    for k in range(40):
+        sink.run([k])
+        sink.feed(1, joint_state(START + k * STEP + 5, ['gripper'], [1.0], [1.0]))
+    assert sink.samples == expected(range(40))
+    assert said(sink, '/joint_states')[0] == Level.OK
+
+
+def test_a_joint_that_never_comes_is_said() -> None:
+    sink = Sink()
+    for k in range(40):
+        sink.feed(0, joint_state(START + k * STEP, ['valve'], [k]))
+        sink.feed(1, joint_state(START + k * STEP, ['wrong'], [k], [k]))
+    assert not sink.samples
+    assert said(sink, '/joint_states') == (
+        Level.ERROR, 'no message holds theta_d; no message holds T_g')
+
+
+@pytest.mark.parametrize('payload', [
+    joint_state(START, ['shaft'], [1.0]),                    # no effort
+    joint_state(START, ['other', 'shaft'], [1.0], [1.0]),    # arrays too short
+    joint_state(START, ['shaft'], [1.0], [1.0])[:-9], b'', b'\x00\x01\x00\x00',
+])
+def test_a_malformed_message_is_counted_and_said(payload: bytes) -> None:
+    sink = Sink()
+    sink.run(range(20))
+    sink.feed(1, payload)
+    sink.run(range(20, 40))
+    assert sink.samples == expected(range(40))
+    level, message = said(sink, '/joint_states')
+    assert level == Level.WARN
+    assert message.startswith('1 malformed: ')
+
+
+@pytest.mark.parametrize('bad', [math.nan, math.inf, -math.inf])
+def test_what_is_not_finite_is_bridged_and_said(bad: float) -> None:
+    sink = Sink()
+    sink.run(range(20))
+    sink.feed(0, joint_state(START + 20 * STEP, ['valve'], [20]))
+    sink.feed(1, joint_state(START + 20 * STEP, ['shaft'], [bad], [60.0]))
+    sink.run(range(21, 40))
+    assert sink.samples == expected(range(40))   # interpolated between 19 and 21
+    assert said(sink, '/joint_states') == (Level.WARN, 'theta_d: 1 not finite')
+
+
+def test_a_pause_of_100_ms_begins_anew() -> None:
+    sink = Sink()
+    sink.run(range(100))
+    sink.run(range(150, 300))
+    assert sink.ks == [*range(100), *range(100, 105), *range(150, 300)][:100] + \
+        list(range(150, 300))
+    assert sink.firsts == [0, 150]
+
+
+def test_a_burst_after_a_stall_loses_nothing() -> None:
+    sink = Sink()
+    for k in range(200):
+        sink.feed(0, joint_state(START + k * STEP, ['valve'], [k]))
+        if k == 100:
+            for silence in (0, 20_000_000, 60_000_000):   # below the wait
+                sink.tick(10**9 + silence)
+        sink.feed(1, joint_state(START + k * STEP, ['shaft'], [2 * k], [3 * k]))
+    assert sink.samples == expected(range(200))
+
+
+def test_a_publisher_that_dies_and_returns() -> None:
+    sink = Sink()
+    sink.run(range(100))
+    for age in range(0, 3_000_000_000, 20_000_000):
+        sink.tick(10**12 + age)
+    assert max(sink.ks) < 100 + 5                  # nothing is made up meanwhile
+    assert said(sink, '/command')[0] == Level.OK   # since the counters began
+    sink.run(range(2000, 2100))
+    assert sink.ks[-100:] == list(range(2000, 2100))
+    assert sink.firsts == [0, 2000]
+
+
+def test_a_dead_topic_is_stale() -> None:
+    sink = Sink()
+    sink.run(range(10))
+    diagnosis = Diagnosis(sink.live, [])
+    diagnosis.statuses(0, 1.0, {})
+    statuses = diagnosis.statuses(5 * 10**9, 1.0, {})
+    assert [s.level for s in statuses[:2]] == [Level.STALE, Level.STALE]
+
+
+def test_two_publishers_on_one_topic_are_said() -> None:
+    sink = Sink()
+    for k in range(50):
+        sink.run([k])
+        sink.feed(1, joint_state(START + k * STEP - 500_000, ['shaft'], [0.0], [0.0]))
+    assert sink.ks == list(range(50))
+    level, message = said(sink, '/joint_states', publishers=2)
+    assert level == Level.WARN
+    assert '2 publishers on one topic' in message
+    assert 'out of order' in message
+
+
+def test_a_clock_that_jumps_back_is_said() -> None:
+    sink = Sink()
+    sink.run(range(1000, 1050))
+    sink.run(range(50))
+    assert sink.firsts == [1000, 0]
+    assert said(sink, 'time') == (Level.WARN, 'reset: stamps of u_m jumped back')
+
+
+def test_without_a_stamp_the_arrival_counts() -> None:
+    signals = {n: SignalMap(f'/{n}', 'std_msgs/msg/Float64', 'data') for n in SIGNALS}
+    sink = Sink(Live(PLANT, signals, 0.002, 0.1))
+    for k in range(30):
+        for topic in range(3):
+            payload = joint_float(float(k))
+            sink.feed(topic, payload, START + k * STEP)
+    assert sink.ks == list(range(30))
+
+
+def joint_float(value: float) -> bytes:
+    from live_rig import STORE
+    kind = 'std_msgs/msg/Float64'
+    return bytes(STORE.serialize_cdr(STORE.types[kind](value), kind))
+
+
+def test_scale_and_offset_apply() -> None:
+    signal = SignalMap('/a', 'sensor_msgs/msg/JointState', 'position[0]', 2.0, 1.0)
+    assert Reader([signal]).read(joint_state(START, ['a'], [3.0])) == (START, [7.0])
+    with pytest.raises(CdrError, match='has 1 numbers'):
+        Reader([SignalMap('/a', 'sensor_msgs/msg/JointState', 'position[1]')]).read(
+            joint_state(START, ['a'], [3.0]))
+
+
+def test_the_writer_writes_what_the_reader_reads() -> None:
+    for unit, field in (('N m', 'effort'), ('m', 'position'), ('rad/s', 'velocity')):
+        payload = Writer('T_g', unit).write(START, 1.25)
+        signal = SignalMap('/a', 'sensor_msgs/msg/JointState', f'{field}[T_g]')
+        assert Reader([signal]).read(payload) == (START, [1.25])
+
+
+def test_a_twin_that_diverges_is_reset_and_publishes_nothing() -> None:
+    echo = Echo(model(), gain=100.0)
+    twin = Twin('', echo, 'free_run')
+    sent: list[bytes] = []
+    outlet = Outlet(twin, sent.append, lambda payload: None)
+    for k in range(100):
+        outlet.step(k * STEP, [0.0, 0.0], 1.0)   # type: ignore[arg-type]
+    read = Reader([SignalMap('/a', 'sensor_msgs/msg/JointState', 'effort[0]')]).read
+    assert twin.divergences > 10
+    assert echo.started == 1 + twin.divergences
+    assert max(abs(read(payload)[1][0] or 0.0) for payload in sent) < 1e6
+
+
+def test_a_missing_measurement_leaves_no_residual() -> None:
+    twin = Twin('', Echo(model()), 'one_step')
+    residuals: list[bytes] = []
+    predictions: list[bytes] = []
+    outlet = Outlet(twin, predictions.append, residuals.append)
+    for measured in (1.0, 1.0, math.nan):
+        outlet.step(0, [0.0, 0.0], measured)   # type: ignore[arg-type]
+    assert (len(predictions), len(residuals)) == (2, 1)
+
+
+def test_models_are_named(tmp_path: object) -> None:
+    named = choices('a.yaml', ['b=c.yaml', 'some-model.yaml', ''])
+    assert [choice.name for choice in named] == ['', 'b', 'some_model']
+    for bad in (('', []), ('', ['a.yaml', 'b/a.yaml']), ('', ['1=a.yaml'])):
+        with pytest.raises(ModelError):
+            choices(*bad)
+
+
+def test_a_model_of_another_plant_is_refused(tmp_path) -> None:   # type: ignore[no-untyped-def]
+    good = tmp_path / 'good.yaml'
+    write_model(model(), good)
+    assert taste(good, 'load_simulator') == ''
+    assert 'the node runs cylinder' in taste(good, 'cylinder')
+    assert 'No such file' in taste(tmp_path / 'absent.yaml', 'cylinder')
+    (tmp_path / 'noise').write_bytes(b'\xff\x00' * 50)
+    assert 'not a model file' in taste(tmp_path / 'noise', 'load_simulator')
+    twin = load_twin(choices(str(good), [])[0], 'one_step')
+    slow = Twin('slow', Echo(model(), sample_time=0.01), 'one_step')
+    with pytest.raises(ModelError, match='sample_time'):
+        same_inputs(slow, twin)

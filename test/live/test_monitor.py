@@ -1,0 +1,93 @@
+"""The watch on the residual: hours of noise, white and coloured, and rises to be found."""
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from scipy.signal import lfilter
+
+from hydro_twin.live.monitor import BATCH, design, LEARN, Monitor, square_noise
+
+DT = 0.002
+RATE = round(BATCH / DT)
+
+
+def noise(seconds: int, memory: float, rng: np.random.Generator) -> np.ndarray:
+    """Normal noise of RMS 1 that forgets within `memory` seconds."""
+    a = np.exp(-DT / memory) if memory else 0.0
+    white = rng.normal(size=round(seconds / DT)) * np.sqrt(1.0 - a * a)
+    return lfilter([1.0], [1.0, -a], white)
+
+
+def watch(residual: np.ndarray, promised: float = 1.0) -> tuple[Monitor, list[float]]:
+    """Feed a residual; whole batches at once, which `add` sums sample by sample."""
+    monitor = Monitor(promised, DT)
+    for k, value in enumerate(residual[:LEARN].tolist()):
+        monitor.add(round(k * DT * 1e9), value)
+    begin = LEARN // RATE * RATE
+    for k in range(begin, len(residual) - RATE, RATE):
+        monitor._batches.append((round(k * DT * 1e9), round((k + RATE) * DT * 1e9),
+                                 float(np.sum(residual[k:k + RATE]**2)), RATE))
+        monitor.judge()
+    return monitor, []
+
+
+def test_white_noise_has_the_textbook_variance_of_squares() -> None:
+    rng = np.random.default_rng(1)
+    found = [square_noise(rng.normal(size=LEARN)) for _ in range(100)]
+    assert 2.0 <= np.mean(found) <= 2.0 * 2.0 * 1.1   # an upper limit of twice the estimate
+
+
+@pytest.mark.parametrize('memory', [0.0, 0.01, 0.2])
+def test_no_false_alarm_in_six_hours(memory: float) -> None:
+    monitor, _ = watch(noise(6 * 3600, memory, np.random.default_rng(5)))
+    assert monitor.rise is None
+    assert monitor.rms == pytest.approx(1.0, rel=0.3)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize('memory', [0.0, 0.02, 0.1, 0.5])
+def test_at_most_one_false_alarm_a_day(memory: float) -> None:
+    rng = np.random.default_rng(11)
+    alarms = sum(watch(noise(8 * 3600, memory, rng))[0].rise is not None for _ in range(9))
+    assert alarms <= 3   # in three days
+
+
+@pytest.mark.parametrize('memory', [0.0, 0.05])
+def test_a_rise_by_a_fifth_is_found_about_when_stated(memory: float) -> None:
+    rng = np.random.default_rng(2)
+    delays, stated = [], []
+    for _ in range(20):
+        residual = noise(900, memory, rng)
+        onset = 300.0
+        residual[round(onset / DT):] *= 1.2
+        monitor, _ = watch(residual)
+        assert monitor.rise is not None
+        assert monitor.chart is not None
+        assert monitor.rise.begin * 1e-9 > onset - 10 * monitor.chart.delay - 5
+        delays.append(monitor.rise.end * 1e-9 - onset)
+        stated.append(monitor.chart.delay)
+    assert 0.0 < np.mean(delays) < 1.5 * np.mean(stated) + BATCH
+
+
+def test_a_model_that_never_held_is_found_too() -> None:
+    monitor, _ = watch(noise(120, 0.01, np.random.default_rng(3)), promised=0.5)
+    assert monitor.rise is not None
+    assert monitor.rise.rms == pytest.approx(1.0, rel=0.3)
+
+
+def test_a_residual_that_repeats_is_no_alarm() -> None:
+    time = np.arange(0.0, 1800.0, DT)
+    monitor, _ = watch(np.sqrt(2.0) * np.sin(2 * np.pi * 7.0 * time))
+    assert monitor.rise is None
+
+
+def test_colour_costs_delay() -> None:
+    assert design(2.0, DT).delay < design(200.0, DT).delay < design(20000.0, DT).delay
+
+
+def test_the_hot_path_only_sums() -> None:
+    monitor = Monitor(1.0, DT)
+    for k in range(5 * RATE):
+        monitor.add(k, 2.0)
+    assert [batch[2:] for batch in monitor._batches] == [(4.0 * RATE, RATE)] * 5
+    assert monitor.judge() is None
