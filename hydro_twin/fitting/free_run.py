@@ -31,6 +31,7 @@ class Part:
 
     inputs: FloatArray
     measured: FloatArray
+    source: str = ''
 
 
 def parts_of(recording: Recording, plant: Plant) -> list[Part]:
@@ -41,7 +42,7 @@ def parts_of(recording: Recording, plant: Plant) -> list[Part]:
     """
     parts = [
         Part(np.column_stack([series[signal.name] for signal in plant.inputs]),
-             np.ascontiguousarray(series[plant.output.name]))
+             np.ascontiguousarray(series[plant.output.name]), series.source)
         for series in recording.series if len(series) >= 2 * START]
     if not parts:
         longest = max((len(series) for series in recording.series), default=0)

@@ -66,7 +66,7 @@ def is_white(stretches: Sequence[FloatArray]) -> bool:
         rho = np.array([centred[lag:] @ centred[:n - lag] for lag in range(1, LAGS + 1)]) / power
         statistic += n * (n + 2) * float(np.sum(rho**2 / (n - np.arange(1, LAGS + 1))))
         freedom += LAGS
-    return freedom == 0 or statistic < stats.chi2.ppf(CONFIDENCE, freedom)
+    return freedom == 0 or bool(statistic < stats.chi2.ppf(CONFIDENCE, freedom))
 
 
 @dataclass(frozen=True)

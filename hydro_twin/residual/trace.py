@@ -2,14 +2,13 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from hydro_twin.fitting.free_run import Candidate, Fit, Part, fit_linear, parts_of, rms
 from hydro_twin.model import Model
 from hydro_twin.plants import Plant
-from hydro_twin.plants.plant import FloatArray
 from hydro_twin.recording.series import Recording
 from hydro_twin.residual.noise import Line, is_white, lines, noise_floor
 from hydro_twin.residual.proof import Improvement, improvement
@@ -77,7 +76,6 @@ class Trace:
     lines: tuple[Line, ...]
     depends_on: tuple[Dependence, ...]
     drifts: bool
-    sources: Recording = field(repr=False)
 
 
 def trace(train: Recording, test: Recording, plant: Plant,
@@ -124,7 +122,7 @@ def trace(train: Recording, test: Recording, plant: Plant,
                           [after.candidate.residual(p) for p in unseen], seed),
         floor=noise_floor(pieces), white=is_white(pieces),
         lines=tuple(lines(pieces, sample_time)), depends_on=tuple(depends_on),
-        drifts=drift(after) < LEVEL / 10, sources=train)
+        drifts=bool(drift(after) < LEVEL / 10))
 
 
 def candidate_of(model: Model) -> Candidate:
@@ -184,19 +182,3 @@ def prune(fit: Fit, findings: list[Finding], parts: Sequence[Part]
                     if f is not found]
             return prune(without, kept, parts) if last > 1 else (without, kept)
     return fit, findings
-
-
-def one_step(candidate: Candidate, part: Part) -> FloatArray:
-    """Error of the one-step prediction of the integrated laws on a part, scored samples only.
-
-    y_s(k) less what the exact characteristic polynomial carries on of the past differences.
-    """
-    from scipy.signal import lfilter
-
-    from hydro_twin.fitting.free_run import START
-    from hydro_twin.plants.difference_equation import characteristic
-
-    a = characteristic(candidate.system.laws, candidate.sample_time)
-    difference = part.measured - candidate.run(part)
-    error: FloatArray = lfilter(np.concatenate([[1.0], a]), 1.0, difference)[START:]
-    return error

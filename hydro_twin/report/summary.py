@@ -1,0 +1,203 @@
+"""The result of a trace as one plain object: `report.json`."""
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from scipy import signal
+
+from hydro_twin.fitting.free_run import START, Candidate, Fit, Part, Unknown, get, label, rms
+from hydro_twin.model import Estimate, FittedEffect, Model
+from hydro_twin.plants.difference_equation import characteristic
+from hydro_twin.plants.plant import FloatArray
+from hydro_twin.residual.trace import Trace
+from hydro_twin.residual.verdict import Judged, Verdict
+
+
+def summarise(trace: Trace, verdict: Verdict) -> dict[str, Any]:
+    """Lay out a trace as design.md's report object; errors are RMS in the output's unit.
+
+    The one-step errors are those of the integrated laws, before and after alike.
+    """
+    after = final(trace, verdict)
+    estimates = effect_estimates(after)
+    return {
+        'plant': trace.plant.name,
+        'verdict': verdict.kind,
+        'says': sentence(trace, verdict),
+        'effects': [_effect(trace, j, estimates[j.finding.index]) for j in verdict.judged],
+        'ambiguous': [list(group) for group in verdict.ambiguous],
+        'before': _errors(trace.before.candidate, trace),
+        'after': _errors(after.candidate, trace),
+        'improvement': {'relative': trace.proof.relative if verdict.judged else 0.0,
+                        'low': trace.proof.low if verdict.judged else 0.0,
+                        'high': trace.proof.high if verdict.judged else 0.0},
+        'series': _series(trace, after),
+        'parameters': {'before': parameters(trace.before), 'after': parameters(after)},
+        'persistence': {'test': rms(np.concatenate(
+            [np.diff(part.measured)[START - 1:] for part in trace.test]))},
+        'noise_floor': trace.floor,
+        'remainder': {
+            'white': trace.white,
+            'lines_hz': [line.frequency for line in trace.lines],
+            'depends_on': [{'port': d.port, 'signal': d.signal, 'share': d.share,
+                            'held_out': d.held_out, 'p_value': d.p_value}
+                           for d in trace.depends_on],
+            'drifts': trace.drifts,
+            'says': remainder_sentence(trace),
+        },
+    }
+
+
+def final(trace: Trace, verdict: Verdict) -> Fit:
+    """Take the fit that the verdict stands for: where no effect is named, the one before."""
+    return trace.after if verdict.judged else trace.before
+
+
+def sentence(trace: Trace, verdict: Verdict) -> str:
+    """Say the verdict to a person, in one sentence."""
+    unit = trace.plant.output.unit
+    if verdict.kind == 'nothing_missing':
+        return (f'Nothing is missing: the linear model leaves {_short(trace.before.error)} {unit}, '
+                f'and no effect earns its place on data it was not fitted to.')
+    if verdict.kind == 'unexplained':
+        return (f'Something is left that no known effect explains: {remainder_sentence(trace)}.')
+    named = ' and '.join(_named(j) for j in verdict.judged)
+    test = [rms(np.concatenate([c.residual(p) for p in trace.test]))
+            for c in (trace.before.candidate, trace.after.candidate)]
+    return (f'The model lacks {named}: with it, the free-run error on data it was not fitted to '
+            f'falls from {_short(test[0])} to {_short(test[1])} {unit}.')
+
+
+def _named(judged: Judged) -> str:
+    close = [name for name, distance in judged.rivals if distance < 10.0]
+    text = f'{judged.id.replace("_", " ")} at the {judged.port}'
+    if close:
+        text = f'{text} (or {" or ".join(name.replace("_", " ") for name in close)})'
+    return text if judged.certain else f'something that behaves like {text}'
+
+
+def remainder_sentence(trace: Trace) -> str:
+    """Say what can be said of the residual at the end."""
+    parts = [f'a spectral line at {line.frequency:.1f} Hz' for line in trace.lines]
+    if trace.depends_on:
+        first = trace.depends_on[0]
+        what = 'value' if first.signal == 'value' else first.signal.replace('_', ' ')
+        parts.append(f'it depends on the {what} at the {first.port} '
+                     f'({first.share:.0%} of what is left)')
+    if trace.drifts:
+        parts.append('a parameter drifts over the recording')
+    if parts:
+        return '; '.join(parts)
+    if trace.white:
+        return 'nothing left above the noise'
+    return 'what is left has memory, but depends on nothing that the plant does'
+
+
+def _effect(trace: Trace, judged: Judged, estimates: dict[str, Any]) -> dict[str, Any]:
+    return {
+        'id': judged.id, 'port': judged.port, 'parameters': estimates,
+        'p_value': judged.finding.p_value, 'share_of_residual': judged.finding.share,
+        'certain': judged.certain,
+        'rivals': [{'id': name, 'delta_bic': distance} for name, distance in judged.rivals],
+    }
+
+
+def _std_errors(fit: Fit) -> dict[str, float | None]:
+    """Standard errors by label, in the unit of each unknown."""
+    known = fit.identifiability().std_error
+    errors: dict[str, float | None] = {}
+    for unknown in fit.unknowns:
+        relative = known.get(label(unknown))
+        errors[label(unknown)] = None if relative is None else relative * _unit_step(fit, unknown)
+    return errors
+
+
+def _unit_step(fit: Fit, unknown: Unknown) -> float:
+    """What a step of one in the coordinate of an unknown means in its unit."""
+    return abs(get(fit.candidate, unknown)) if unknown.log else unknown.scale
+
+
+def effect_estimates(fit: Fit) -> list[dict[str, Any]]:
+    """Give every effect's parameters with unit and standard error, refinements in use only."""
+    errors = _std_errors(fit)
+    return [{
+        p.name: {'value': value, 'unit': placed.effect.unit(p, placed.port),
+                 'std_error': errors.get(f'{index}:{p.name}')}
+        for p, value in zip(placed.effect.parameters, placed.values, strict=True)
+        if value != p.refinement}
+        for index, placed in enumerate(fit.candidate.effects)]
+
+
+def parameters(fit: Fit) -> dict[str, Any]:
+    """Give the plant's parameters with unit and standard error; None where not known alone."""
+    errors = _std_errors(fit)
+    units = {p.name: p.unit for p in fit.candidate.plant.parameters}
+    together = {name for c in fit.candidate.plant.combinations for name in c}
+    return {name: {'value': fit.candidate.values[name], 'unit': unit,
+                   'std_error': None if name in together else errors.get(name)}
+            for name, unit in units.items()}
+
+
+def one_step_error(candidate: Candidate, part: Part) -> FloatArray:
+    """Error of the one-step prediction by the integrated laws, scored samples only.
+
+    The free run, corrected by what the exact characteristic polynomial carries on of the
+    differences measured up to the sample before.
+    """
+    a = characteristic(candidate.system.laws, candidate.sample_time)
+    difference = part.measured - candidate.run(part)
+    error: FloatArray = signal.lfilter(np.concatenate([[1.0], a]), 1.0, difference)[START:]
+    return error
+
+
+def _error(candidate: Candidate, parts: Any) -> dict[str, float]:
+    return {'one_step': rms(np.concatenate([one_step_error(candidate, p) for p in parts])),
+            'free_run': rms(np.concatenate([candidate.residual(p) for p in parts]))}
+
+
+def _errors(candidate: Candidate, trace: Trace) -> dict[str, dict[str, float]]:
+    train, test = _error(candidate, trace.train), _error(candidate, trace.test)
+    return {kind: {'train': train[kind], 'test': test[kind]} for kind in train}
+
+
+def _series(trace: Trace, after: Fit) -> list[dict[str, Any]]:
+    """Errors of each series; train and test stand side by side where both come from it."""
+    rows = []
+    for index, part in enumerate(trace.train):
+        row: dict[str, Any] = {'bag': part.source}
+        for name, candidate in (('before', trace.before.candidate), ('after', after.candidate)):
+            errors = _error(candidate, [part])
+            row[name] = {kind: {'train': value} for kind, value in errors.items()}
+            if len(trace.test) == len(trace.train):
+                for kind, value in _error(candidate, [trace.test[index]]).items():
+                    row[name][kind]['test'] = value
+        rows.append(row)
+    return rows
+
+
+def _short(value: float) -> str:
+    return f'{value:.3g}'
+
+
+def model_of(trace: Trace, verdict: Verdict, provenance: dict[str, Any]) -> Model:
+    """Make the model file of a verdict: the plant with the effects that were named."""
+    fit = final(trace, verdict)
+    candidate = fit.candidate
+    errors = _std_errors(fit)
+    together = {name for c in candidate.plant.combinations for name in c}
+    known = {p.name: None if p.name in together else errors.get(p.name)
+             for p in candidate.plant.parameters}
+    return Model(
+        plant=candidate.plant,
+        parameters={name: Estimate(candidate.values[name], spread, spread is not None)
+                    for name, spread in known.items()},
+        constants={c.name: candidate.values[c.name] for c in candidate.plant.constants},
+        sample_time=candidate.sample_time,
+        effects=tuple(FittedEffect(placed, {p.name: errors.get(f'{index}:{p.name}')
+                                            for p in placed.effect.parameters})
+                      for index, placed in enumerate(candidate.effects)),
+        timing=dict(candidate.timing or {}), substeps=candidate.substeps,
+        errors={'before': _errors(trace.before.candidate, trace),
+                'after': _errors(candidate, trace)},
+        provenance=provenance)

@@ -1,0 +1,76 @@
+"""The verdict: what may be said of a trace, and how certainly."""
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+from hydro_twin.residual.trace import Finding, Trace
+
+CLOSE = 10.0            # distance of the criterion below which the data do not tell rivals apart
+FAR = 30.0              # and from which a rival is no longer near
+STRUCTURED = 0.02       # share of the residual in a dependence from which a law is not the right one
+TELLING = 300.0         # power explained over the noise's, below which a law's shape cannot show
+ENOUGH = 0.5            # share of what is above the noise that named effects must explain
+
+
+@dataclass(frozen=True)
+class Judged:
+    """A finding with what may be said of it."""
+
+    finding: Finding
+    id: str
+    port: str
+    certain: bool
+    rivals: tuple[tuple[str, float], ...]
+
+
+@dataclass(frozen=True)
+class Verdict:
+    """What may be said.
+
+    Attributes:
+        kind: 'effect_found', 'nothing_missing' or 'unexplained'.
+        ambiguous: sets of ids that the data cannot tell apart.
+    """
+
+    kind: str
+    judged: tuple[Judged, ...]
+    ambiguous: tuple[tuple[str, ...], ...]
+
+
+def judge(trace: Trace) -> Verdict:
+    """Say what a trace shows."""
+    judged = tuple(_judge(trace, finding) for finding in trace.findings)
+    ambiguous = tuple(
+        (j.id, *[name for name, distance in j.rivals if distance < CLOSE])
+        for j in judged if any(distance < CLOSE for _, distance in j.rivals))
+    structured = bool(trace.depends_on or trace.lines or trace.drifts)
+    above = trace.before.error**2 - trace.floor**2
+    explained = trace.before.error**2 - trace.after.error**2
+    if judged and not (structured and explained < ENOUGH * above):
+        return Verdict('effect_found', judged, ambiguous)
+    return Verdict('unexplained' if structured else 'nothing_missing', (), ())
+
+
+def _judge(trace: Trace, finding: Finding) -> Judged:
+    """Judge one finding against its rivals and against what is left."""
+    placed = trace.after.candidate.effects[finding.index]
+    rivals = _by_id(finding, placed.effect.id)
+    telling = finding.share / (1.0 - min(finding.share, 1.0 - 1e-12)) * len(trace.after.residual)
+    structured = trace.drifts or any(d.share > STRUCTURED for d in trace.depends_on)
+    return Judged(
+        finding, placed.effect.id, placed.port.name,
+        certain=telling > TELLING and not structured and not trace.lines
+        and all(distance > FAR for _, distance in rivals),
+        rivals=rivals)
+
+
+def _by_id(finding: Finding, winner: str) -> tuple[tuple[str, float], ...]:
+    """Rivals of another name, each once, nearest first."""
+    nearest: dict[str, float] = {}
+    for contender, distance in finding.rivals:
+        if contender.id != winner:
+            nearest.setdefault(contender.id, distance)
+    return tuple(sorted(nearest.items(), key=lambda item: item[1]))
+
+
