@@ -75,7 +75,7 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
     """
     from hydro_twin.commands.provenance import provenance
     from hydro_twin.fitting.network import check_device
-    from hydro_twin.fitting.refit import bounds_of, errors_of, fit_physics, with_errors
+    from hydro_twin.fitting.refit import bounds_of, errors_of, fit_physics
     from hydro_twin.model import Model, read_model, write_model
     from hydro_twin.predictors.analytical import Analytical
 
@@ -110,14 +110,15 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
         errors = errors_of(Analytical(model), train, test)
     else:
         from hydro_twin.predictors.hybrid import NetworkPredictor
+        from hydro_twin.predictors.network import save_network
 
         network = _network(args, train, model)
         hidden = network.hidden
         weights = args.output.with_suffix('.safetensors')
         model = replace(model, network=weights.name)
         errors = errors_of(NetworkPredictor(model, network), train, test)
-        _save(network, weights)
-    write_model(with_errors(model, errors), args.output)
+        save_network(network, weights)
+    write_model(replace(model, errors={'after': errors}), args.output)
 
     units = {p.name: p.unit for p in plant.parameters}
     return {
@@ -167,13 +168,6 @@ def _network(args: argparse.Namespace, train: Recording, model: Model) -> Networ
         settings = replace(settings, hidden=choose(scores, problem.regressors.shape[1]))
     with progress('training the network', args.epochs) as tick:
         return train_batch(problem, [Job(settings, args.seed)], args.device, tick)[0].network
-
-
-def _save(network: Network, path: Path) -> None:
-    """Write the weights beside the model."""
-    from hydro_twin.predictors.network import save_network
-
-    save_network(network, path)
 
 
 def _part(errors: Errors, name: str) -> dict[str, float]:

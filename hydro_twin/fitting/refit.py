@@ -2,7 +2,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -19,7 +19,7 @@ from hydro_twin.model import Estimate, Model
 from hydro_twin.plants import Plant
 from hydro_twin.predictors.analytical import Analytical
 from hydro_twin.predictors.predictor import Predictor
-from hydro_twin.predictors.scores import persistence, pooled, rms
+from hydro_twin.predictors.scores import pooled, rms
 from hydro_twin.recording.series import Recording
 
 CRITERIA = ('free_run', 'one_step')
@@ -157,12 +157,6 @@ def bounds_of(train: Recording, test: Recording, plant: Plant) -> Errors:
                for name, part in (('train', train), ('test', test))}
     best = factors['train'].best()
     return {
-        'persistence': {'train': persistence(train, plant.output.name, plant.order + 1),
-                        'test': persistence(test, plant.output.name, plant.order + 1)},
+        'persistence': {name: factor.persistence() for name, factor in factors.items()},
         'unconstrained': {name: float(factor.rms(best)) for name, factor in factors.items()},
     }
-
-
-def with_errors(model: Model, errors: Errors) -> Model:
-    """Note in a model how far off it is."""
-    return replace(model, errors={'after': errors})

@@ -33,6 +33,6 @@ def pooled(recording: Recording, output: str, predictions: Sequence[FloatArray],
     return measured - predicted, measured
 
 
-def persistence(recording: Recording, output: str, skip: int = 1) -> float:
+def persistence(recording: Recording, output: str) -> float:
     """RMS error of repeating the last sample: what any prediction one step ahead must beat."""
-    return rms(np.concatenate([np.diff(s[output])[skip - 1:] for s in recording.series]))
+    return rms(np.concatenate([np.diff(s[output]) for s in recording.series]))
