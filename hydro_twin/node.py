@@ -36,7 +36,7 @@ from hydro_twin.errors import ModelError, UserError
 from hydro_twin.live.diagnostics import Diagnosis
 from hydro_twin.live.live import Feed, Live
 from hydro_twin.live.messages import message_class
-from hydro_twin.live.models import Choice, choices, describe, load_twin, same_inputs, taste
+from hydro_twin.live.models import Choice, choices, load_twin, same_inputs, taste
 from hydro_twin.live.outlet import Outlet
 from hydro_twin.live.twin import Twin
 from hydro_twin.plants import Plant
@@ -159,7 +159,7 @@ class TwinNode(LifecycleNode):
                           self.get_parameter('wait').value)
         self._outlets = [self._outlet(twin) for twin in twins]
         self._diagnosis = Diagnosis(self._live, twins)
-        self._tell_info()
+        self._tell_info(twins)
 
     def _outlet(self, twin: Twin) -> Outlet:
         """Create the topics of a twin."""
@@ -217,7 +217,7 @@ class TwinNode(LifecycleNode):
             self.destroy_lifecycle_publisher(publisher)
         self._outgoing.clear()
         self._outlets = []
-        self._live = None
+        self._live = self._diagnosis = None
         self._swaps.clear()
         for key in self.get_parameters_by_prefix('signals'):
             self.undeclare_parameter(f'signals.{key}')
@@ -324,17 +324,22 @@ class TwinNode(LifecycleNode):
                 job = self._jobs.get(timeout=max(self._diagnosed + PERIOD - time.monotonic(), 0.0))
             if job is None:
                 return
-            job()
+            try:
+                job()
+            except Exception as error:   # it must not end the diagnostics
+                self.get_logger().error(f'{error!r}', throttle_duration_sec=60.0)
 
     def _reload(self, model: Path, mode: str) -> None:
         """Load what has changed to take over from what runs, or leave that running."""
         first, *others = self._chosen
         chosen = [Choice(first.name, model), *others]
-        running = self._outlets[0].twin
+        diagnosis = self._diagnosis
+        if diagnosis is None:
+            return   # cleaned up meanwhile
         try:
-            twins = [load_twin(choice, mode) for choice in
-                     (chosen if mode != running.mode else chosen[:1])]
-            same_inputs(twins[0], running)
+            changed = chosen if mode != diagnosis.twins[0].mode else chosen[:1]
+            twins = [load_twin(choice, mode) for choice in changed]
+            same_inputs(twins[0], diagnosis.twins[0])
         except ModelError as error:
             self.get_logger().error(f'refused, the model before it still runs: {error}')
             self._tell_event('refused', says=str(error))
@@ -342,24 +347,24 @@ class TwinNode(LifecycleNode):
             return
         self._chosen = chosen
         self._swaps.extend(twins)
-        names = {twin.name for twin in twins}
-        self._diagnosis = Diagnosis(self._diagnosis.live, twins + [
-            twin for twin in self._diagnosis.twins if twin.name not in names])
-        self._tell_info()
+        running = {twin.name: twin for twin in [*diagnosis.twins, *twins]}
+        self._diagnosis = Diagnosis(diagnosis.live, list(running.values()))
+        self._tell_info(self._diagnosis.twins)
         self._tell_event('swapped', model=str(model), mode=mode)
 
     def _diagnose(self) -> None:
         """Judge the residuals, publish diagnostics, tidy up."""
         elapsed, self._diagnosed = time.monotonic() - self._diagnosed, time.monotonic()
-        if self._live is None:
+        diagnosis = self._diagnosis
+        if diagnosis is None:
             return
         now = self.get_clock().now()
-        for twin in self._diagnosis.twins:
+        for twin in diagnosis.twins:
             if twin.monitor is not None and (rise := twin.monitor.judge()) is not None:
                 self._tell_event(
                     'refit', model=twin.name, begin=rise.begin, end=rise.end, rms=rise.rms,
-                    promised=rise.promised, topics=[feed.topic for feed in self._live.feeds])
-        statuses = self._diagnosis.statuses(
+                    promised=rise.promised, topics=[feed.topic for feed in diagnosis.live.feeds])
+        statuses = diagnosis.statuses(
             now.nanoseconds, elapsed, {topic: count() for topic, count in
                                        list(self._publisher_counts.items())})
         node = self.get_fully_qualified_name().strip('/')
@@ -372,11 +377,9 @@ class TwinNode(LifecycleNode):
         self._diagnostics.publish(message)
         gc.collect(1)
 
-    def _tell_info(self) -> None:
+    def _tell_info(self, twins: Sequence[Twin]) -> None:
         """Publish what is run, for those who come later too."""
-        files = {choice.name: choice.path for choice in self._chosen}
-        self._info.publish(String(data=json.dumps([
-            describe(twin, files[twin.name]) for twin in self._diagnosis.twins])))
+        self._info.publish(String(data=json.dumps([twin.about for twin in twins])))
 
     def _tell_event(self, event: str, **about: Any) -> None:
         """Publish that something happened to a model."""

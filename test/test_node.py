@@ -3,6 +3,8 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 import contextlib
+from itertools import pairwise
+import json
 import os
 from pathlib import Path
 import signal
@@ -25,9 +27,14 @@ from hydro_twin.recording.write import write_recording
 rclpy = pytest.importorskip('rclpy')
 
 from diagnostic_msgs.msg import DiagnosticArray  # noqa: E402
+from lifecycle_msgs.srv import ChangeState, GetState  # noqa: E402
+from rcl_interfaces.srv import GetParameters, SetParameters  # noqa: E402
 from rclpy.executors import SingleThreadedExecutor  # noqa: E402
+from rclpy.parameter import Parameter  # noqa: E402
 from rclpy.qos import DurabilityPolicy, QoSProfile  # noqa: E402
 from sensor_msgs.msg import JointState  # noqa: E402
+from std_msgs.msg import String  # noqa: E402
+from std_srvs.srv import Trigger  # noqa: E402
 
 pytestmark = [pytest.mark.slow,   # what rclpy imports imports what is out of date
               pytest.mark.filterwarnings("ignore:module 'sre_")]
@@ -188,3 +195,120 @@ def test_live_is_replay_to_the_last_digit(rig: Rig, bag: Path, model: Path, mode
     assert [stamp_of(m) for m in predictions] == list(expected)
     assert [m.effort[0] for m in predictions] == [y for y, _ in expected.values()]
     assert [m.effort[0] for m in residuals] == [e for _, e in expected.values()]
+
+
+def set_parameter(rig: Rig, name: str, value: object) -> Any:
+    return rig.call(SetParameters, '/hydro_twin/set_parameters', SetParameters.Request(
+        parameters=[Parameter(name, value=value).to_parameter_msg()])).results[0]
+
+
+def events(heard: list[String]) -> list[dict[str, Any]]:
+    return [json.loads(message.data) for message in heard]
+
+
+def test_models_run_side_by_side_and_are_exchanged_or_refused_while_they_run(
+        rig: Rig, tmp_path: Path, bag: Path) -> None:
+    first = make_model(tmp_path / 'first.yaml')
+    stiff = make_model(tmp_path / 'stiff.yaml', G=1.4e4)
+    broken = tmp_path / 'broken.yaml'
+    broken.write_text(first.read_text().replace('J:', 'JJ:'))
+    info = rig.listen('/hydro_twin/model_info', String, latched=True)
+    happened = rig.listen('/hydro_twin/model_event', String)
+    mains = rig.listen('/hydro_twin/prediction', JointState)
+    stiffs = rig.listen('/hydro_twin/stiff/prediction', JointState)
+    with twin(model=first, models=f'[{stiff}]', mode='free_run', **RELIABLE):
+        rig.ready()
+        described = json.loads(rig.until(lambda: info, 'the models are described')[-1].data)
+        assert [(d['name'], d['plant'], len(d['sha256'])) for d in described] == \
+            [('', 'load_simulator', 64), ('stiff', 'load_simulator', 64)]
+        with process('hydro_twin.commands.main', 'replay', str(bag), '--publish', '--loop'):
+            rig.until(lambda: len(mains) > 100, 'something is predicted')
+
+            refused = set_parameter(rig, 'model', str(tmp_path / 'absent.yaml'))
+            assert not refused.successful
+            assert 'No such file' in refused.reason
+            assert not set_parameter(rig, 'mode', 'two_step').successful
+            assert not set_parameter(rig, 'models', ['x.yaml']).successful
+
+            assert set_parameter(rig, 'model', str(broken)).successful   # it looks like a model
+            rig.until(lambda: [e for e in events(happened) if e['event'] == 'refused'],
+                      'the broken model is refused')
+            rig.until(lambda: rig.call(
+                GetParameters, '/hydro_twin/get_parameters',
+                GetParameters.Request(names=['model'])).values[0].string_value == str(first),
+                'the parameter is what it was')
+            first.unlink()   # the file of the running model vanishes
+            count = len(mains)
+            rig.until(lambda: len(mains) > count + 100, 'the old model still runs')
+
+            assert set_parameter(rig, 'model', str(stiff)).successful
+            rig.until(lambda: [e for e in events(happened) if e['event'] == 'swapped'],
+                      'the other model takes over')
+            mains.clear()
+            stiffs.clear()
+            # Once the bag has begun anew, both have run on the same samples from one start.
+            rig.until(lambda: [m for m in mains if stamp_of(m) == START], 'the bag begins anew')
+            begun = next(k for k, m in enumerate(mains) if stamp_of(m) == START)
+            rig.until(lambda: len(mains) > begun + 400 and len(stiffs) > 400, 'more comes')
+            twins = {stamp_of(m): m.effort[0] for m in stiffs}
+            shared = [(m.effort[0], twins[stamp_of(m)]) for m in mains[begun:begun + 300]
+                      if stamp_of(m) in twins]
+            assert len(shared) > 200
+            assert all(main == stiff for main, stiff in shared)
+
+
+def test_the_node_obeys_a_lifecycle_manager_and_resets(rig: Rig, model: Path, bag: Path) -> None:
+    predictions = rig.listen('/hydro_twin/prediction', JointState)
+
+    def state() -> str:
+        return rig.call(GetState, '/hydro_twin/get_state', GetState.Request()).current_state.label
+
+    def change(label: str) -> bool:
+        request = ChangeState.Request()
+        request.transition.label = label
+        return rig.call(ChangeState, '/hydro_twin/change_state', request).success
+
+    with twin(model=model.with_name('absent.yaml'), autostart=False):
+        assert state() == 'unconfigured'
+        assert not change('configure')
+        assert state() == 'unconfigured'
+        assert set_parameter(rig, 'model', str(model)).successful
+        assert change('configure')
+        assert state() == 'inactive'
+        assert change('activate')
+        for _ in range(2):
+            rig.ready()
+            predictions.clear()
+            play(bag, '--rate', '4')
+            rig.until(lambda: len(predictions) > 1000, 'it predicts')
+            assert change('deactivate')
+            assert change('activate')
+        reset = rig.call(Trigger, '/hydro_twin/reset', Trigger.Request())
+        assert reset.success
+        assert change('deactivate')
+        assert change('cleanup')
+        assert state() == 'unconfigured'
+
+
+def test_played_with_a_clock_in_a_loop_it_resets_at_the_jump(rig: Rig, bag: Path, model: Path,
+                                                             ) -> None:
+    predictions = rig.listen('/hydro_twin/prediction', JointState)
+    with twin(model=model, mode='free_run', use_sim_time=True, **RELIABLE):
+        rig.until(lambda: rig.node.count_subscribers('/clock'), 'the clock has a listener')
+        with process('hydro_twin.commands.main', 'replay', str(bag), '--publish', '--loop',
+                     '--clock', '--rate', '4'):
+            rig.status('time', 'jumped back')
+            rig.until(lambda: len(predictions) > 3500, 'it goes on')
+    stamps = [stamp_of(m) for m in predictions]
+    assert max(stamps) < START + 3000 * STEP
+    assert sum(later < earlier for earlier, later in pairwise(stamps)) >= 1
+
+
+def test_a_bad_start_is_one_line(tmp_path: Path) -> None:
+    done = subprocess.run(
+        [sys.executable, '-m', 'hydro_twin.commands.main', 'node', '--ros-args', '-p',
+         f'model:={tmp_path / "absent.yaml"}', '--log-level', 'fatal'],
+        capture_output=True, text=True, timeout=60, check=False)
+    assert done.returncode == 2
+    assert done.stderr.count('\n') == 1
+    assert 'absent.yaml' in done.stderr

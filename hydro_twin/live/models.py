@@ -5,7 +5,6 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 import re
-from typing import Any
 
 from hydro_twin.errors import ModelError
 from hydro_twin.live.twin import Twin
@@ -47,12 +46,15 @@ def choices(model: str, models: Sequence[str]) -> list[Choice]:
 
 
 def load_twin(choice: Choice, mode: str) -> Twin:
-    """Load a model and compile its step; this takes its time.
+    """Load a model, describe it, and compile its step; this takes its time.
 
     Raises:
         ModelError: the model cannot be used.
     """
-    twin = Twin(choice.name, load(choice.path), mode)
+    predictor = load(choice.path)
+    about = {'name': choice.name, 'path': str(choice.path),
+             'sha256': source_of(choice.path).sha256, 'mode': mode, **document(predictor.model)}
+    twin = Twin(choice.name, predictor, mode, about)
     twin.warm_up()
     return twin
 
@@ -84,9 +86,3 @@ def taste(path: Path, plant: str) -> str:
     if found[1].decode() != plant:
         return f'{path}: a model of {found[1].decode()}; the node runs {plant}'
     return ''
-
-
-def describe(twin: Twin, path: Path) -> dict[str, Any]:
-    """Describe a model for `~/model_info`: its file's contents, hash, and how it is run."""
-    return {'name': twin.name, 'path': str(path), 'sha256': source_of(path).sha256,
-            'mode': twin.mode, **document(twin.predictor.model)}

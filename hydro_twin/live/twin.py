@@ -1,7 +1,9 @@
 """One model that runs on the samples, and whether it can be stood behind."""
 from __future__ import annotations
 
+from collections.abc import Mapping
 import math
+from typing import Any
 
 import numpy as np
 
@@ -21,9 +23,15 @@ class Twin:
         residual: the last one, nan where nothing was measured [unit of the output].
     """
 
-    def __init__(self, name: str, predictor: Predictor, mode: str) -> None:
-        """Run a predictor in one_step or free_run; the name is '' for the main one."""
+    def __init__(self, name: str, predictor: Predictor, mode: str,
+                 about: Mapping[str, Any] | None = None) -> None:
+        """Run a predictor in one_step or free_run; the name is '' for the main one.
+
+        Args:
+            about: what to tell others of the model.
+        """
         self.name = name
+        self.about = about or {}
         self.predictor = predictor
         self.mode = mode
         self.predictions = 0

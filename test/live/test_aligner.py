@@ -97,7 +97,7 @@ def regular(name: str, ks: range, value: float = 1.0) -> list[tuple[int, str, fl
 
 
 def merged(*streams: list[tuple[int, str, float]]) -> list[tuple[int, str, float]]:
-    return sorted(sum(streams, []), key=lambda e: e[0])
+    return sorted((event for stream in streams for event in stream), key=lambda e: e[0])
 
 
 def test_a_late_command_is_held_after_the_wait_and_no_longer_than_a_gap_may_last() -> None:
