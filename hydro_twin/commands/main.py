@@ -21,6 +21,7 @@ import contextlib
 import importlib
 import json
 import math
+import os
 import sys
 from typing import NoReturn
 
@@ -58,6 +59,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
     Returns:
         The exit status: 0, 2 after an error of the user's, 130 when interrupted.
     """
+    # The matrices here are small: threads of BLAS would cost more than they give.
+    os.environ.setdefault('OPENBLAS_NUM_THREADS', '1')
     argv = list(sys.argv[1:] if arguments is None else arguments)
     verb = argv[0] if argv and argv[0] in VERBS else ''
     try:
