@@ -6,7 +6,6 @@ of the residual, beyond re-tuning, is a dependence that the model lacks, whateve
 """
 from __future__ import annotations
 
-import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -17,11 +16,12 @@ from hydro_twin.fitting.free_run import START, Candidate, Fit, Part
 from hydro_twin.plants.difference_equation import DifferenceEquation, from_state_space
 from hydro_twin.plants.plant import FloatArray
 from hydro_twin.predictors.system import discretise
-from hydro_twin.residual.noise import autoregression
 
 HATS = 9
-LEVEL = 1e-4            # of the test, for all dependences together
-TIME = 'time'
+BLOCK = 100             # samples, longer than the memory of noise
+FOLDS = 5
+LEVEL = 0.01            # of the test, for all dependences together
+WORTH = 0.01            # least share worth telling
 
 
 @dataclass(frozen=True)
@@ -29,8 +29,8 @@ class Dependence:
     """What a free curve at one port over one signal explains of a residual.
 
     Attributes:
-        signal: 'value' of the port, a signal there, or time (then port is that of no law: '').
-        share: of the residual's power, on the parts that were fitted.
+        signal: 'value' of the port, or a signal there.
+        share: of the residual's power, foretold across blocks of the parts that were fitted.
         held_out: the same on parts that were not, by the curve found on those that were.
         p_value: of the share under noise, for all dependences tried.
         knots, curve: the signal and what is added to the value of the port there.
@@ -63,20 +63,16 @@ def hats(values: FloatArray, knots: FloatArray) -> FloatArray:
 
 
 def dependences(fit: Fit, train: Sequence[Part], test: Sequence[Part]) -> list[Dependence]:
-    """Find what the residual of a fit depends on, on both parts; the best held out first.
+    """Find what the residual of a fit depends on, the strongest first.
 
-    Only those are returned that noise would hardly give, and that hold on the test parts.
+    Only dependences are returned that foretell blocks of the residual that they were not fitted
+    to, more than noise would.
     """
     candidate = fit.candidate
     carry = to_output(candidate)
     seen_train, seen_test = _observe(candidate, train), _observe(candidate, test)
-    residuals = np.split(fit.residual, np.cumsum(fit.lengths)[:-1])
     left_over = [candidate.residual(part) for part in test]
-    whitener = autoregression(residuals)
-    tangent = np.split(fit.jacobian, np.cumsum(fit.lengths)[:-1])
-    target = _whitened(residuals, whitener)
-    basis, _ = np.linalg.qr(_whitened(tangent, whitener))
-    raw_basis, _ = np.linalg.qr(fit.jacobian)
+    basis, _ = np.linalg.qr(fit.jacobian)
     groups = _groups(candidate)
     found = []
     for port, name, row in groups:
@@ -86,30 +82,75 @@ def dependences(fit: Fit, train: Sequence[Part], test: Sequence[Part]) -> list[D
             continue
         knots = np.linspace(low, high, HATS)
         filter_ = carry.b[:, port]
-        columns = [_carried(hats(seen[:, row], knots), filter_, carry.a) for seen in seen_train]
-        weights, share, p_value = _explain(columns, residuals, target, basis, raw_basis, whitener)
-        if p_value * len(groups) > LEVEL:
+        columns = np.concatenate([_carried(hats(seen[:, row], knots), filter_, carry.a)
+                                  for seen in seen_train])
+        weights, share, p_value = explained(columns, fit.residual, basis)
+        p_value = min(1.0, p_value * len(groups))
+        if p_value > LEVEL or share < WORTH:
             continue
         unseen = [_carried(hats(seen[:, row], knots), filter_, carry.a) @ weights
                   for seen in seen_test]
-        found.append(Dependence(
-            candidate.plant.ports[port].name, name, share, _held_out(unseen, left_over),
-            min(1.0, p_value * len(groups)), knots, weights))
-    return sorted((d for d in found if d.held_out > 0.0), key=lambda d: -d.held_out)
+        found.append(Dependence(candidate.plant.ports[port].name, name, share,
+                                _held_out(unseen, left_over), p_value, knots, weights))
+    return sorted(found, key=lambda d: -d.share)
 
 
-def drift(fit: Fit) -> float:
-    """p-value that no parameter drifts over the recording: the tangent times time explains it."""
-    cuts = np.cumsum(fit.lengths)[:-1]
-    residuals = np.split(fit.residual, cuts)
-    whitener = autoregression(residuals)
+def drift(fit: Fit) -> tuple[float, float]:
+    """Share and p-value of a drift of the parameters: the tangent times time as columns."""
     time = np.linspace(-1.0, 1.0, len(fit.residual))[:, None]
-    columns = np.split(fit.jacobian * time, cuts)
-    basis, _ = np.linalg.qr(_whitened(np.split(fit.jacobian, cuts), whitener))
-    raw_basis, _ = np.linalg.qr(fit.jacobian)
-    _, _, p_value = _explain(columns, residuals, _whitened(residuals, whitener), basis, raw_basis,
-                             whitener)
-    return p_value
+    basis, _ = np.linalg.qr(fit.jacobian)
+    _, share, p_value = explained(fit.jacobian * time, fit.residual, basis)
+    return share, p_value
+
+
+def explained(columns: FloatArray, residual: FloatArray, basis: FloatArray
+              ) -> tuple[FloatArray, float, float]:
+    """Regress a residual on columns, both less what re-tuning could do (the basis).
+
+    The share of the residual's power that is foretold is that of blocks by the other blocks,
+    every fifth at a time, so that more columns do not explain more by themselves. The p-value is
+    that of the gain being above zero over the blocks, by Student's test of its mean or by
+    Wilcoxon's of its ranks, which holds for coloured noise as long as the blocks are longer than
+    its memory.
+
+    Args:
+        columns: (N, d).
+        residual: (N,).
+        basis: orthonormal, (N, b).
+
+    Returns:
+        weights of the columns (d,), share, p-value.
+    """
+    columns = columns - basis @ (basis.T @ columns)
+    residual = residual - basis @ (basis.T @ residual)
+    size = np.linalg.norm(columns, axis=0)
+    size[size <= 1e-9 * size.max(initial=0.0)] = np.inf
+    U, singular, Vt = np.linalg.svd(columns / size, full_matrices=False)
+    kept = singular > 0.03 * singular.max(initial=0.0)
+    if not kept.any():
+        return np.zeros(columns.shape[1]), 0.0, 1.0
+    scores = U[:, kept]
+    weights = (Vt[kept].T @ (scores.T @ residual / singular[kept])) / size
+    count = max(10, len(residual) // BLOCK)
+    edges = np.linspace(0, len(residual), count + 1).astype(int)
+    blocks = [slice(a, b) for a, b in zip(edges[:-1], edges[1:], strict=True)]
+    grams = np.array([scores[b].T @ scores[b] for b in blocks])
+    crosses = np.array([scores[b].T @ residual[b] for b in blocks])
+    gains = np.empty(count)
+    for fold in range(FOLDS):
+        out = np.arange(count) % FOLDS == fold
+        gram = grams[~out].sum(axis=0) + 1e-3 * np.eye(scores.shape[1])
+        found = np.linalg.solve(gram, crosses[~out].sum(axis=0))
+        for k in np.flatnonzero(out):
+            r = residual[blocks[k]]
+            gains[k] = r @ r - np.sum((r - scores[blocks[k]] @ found) ** 2)
+    power = float(residual @ residual)
+    if power <= 0.0 or np.ptp(gains) <= 0.0:
+        return weights, 0.0, 1.0
+    tests = (stats.ttest_1samp(gains, 0.0, alternative='greater'),
+             stats.wilcoxon(gains, alternative='greater'))
+    return weights, float(gains.sum()) / power, min(1.0, 2.0 * min(
+        float(test.pvalue) for test in tests))
 
 
 def _groups(candidate: Candidate) -> list[tuple[int, str, int]]:
@@ -139,39 +180,6 @@ def _carried(columns: FloatArray, b: FloatArray, a: FloatArray) -> FloatArray:
     carried = signal.lfilter(b, np.concatenate([[1.0], a]), columns - columns[:1], axis=0)
     scored: FloatArray = carried[START:]
     return scored
-
-
-def _whitened(pieces: Sequence[FloatArray], filter_: FloatArray) -> FloatArray:
-    """Filter each piece along time and join them."""
-    cut = len(filter_) - 1
-    return np.concatenate([signal.lfilter(filter_, 1.0, piece, axis=0)[cut:] for piece in pieces])
-
-
-def _explain(columns: Sequence[FloatArray], residuals: Sequence[FloatArray], target: FloatArray,
-             basis: FloatArray, raw_basis: FloatArray, whitener: FloatArray
-             ) -> tuple[FloatArray, float, float]:
-    """Regress the whitened residual on columns, both less the tangent; weights, share, p-value."""
-    white = _whitened(columns, whitener)
-    white = white - basis @ (basis.T @ white)
-    rest = target - basis @ (basis.T @ target)
-    scale = np.linalg.norm(white, axis=0)
-    scale[scale <= 1e-9 * scale.max(initial=0.0)] = np.inf
-    U, sizes, Vt = np.linalg.svd(white / scale, full_matrices=False)
-    kept = sizes > 0.03 * sizes.max(initial=0.0)
-    along = U[:, kept].T @ rest
-    explained, power = float(along @ along), float(rest @ rest)
-    degrees = int(kept.sum())
-    freedom = len(rest) - degrees - basis.shape[1]
-    if degrees == 0 or freedom <= 0 or power <= explained:
-        return np.zeros(white.shape[1]), 0.0, 1.0
-    statistic = (explained / degrees) / ((power - explained) / freedom)
-    weights = (Vt[kept].T @ (along / sizes[kept])) / scale
-    raw = np.concatenate(list(residuals))
-    moved = np.concatenate(list(columns)) @ weights
-    moved = moved - raw_basis @ (raw_basis.T @ moved)
-    share = 1.0 - float(np.sum((raw - moved) ** 2) / np.sum(raw**2))
-    log_p = float(stats.f.logsf(statistic, degrees, freedom))
-    return weights, max(share, 0.0), math.exp(max(log_p, -700.0))
 
 
 def _held_out(predicted: Sequence[FloatArray], residuals: Sequence[FloatArray]) -> float:

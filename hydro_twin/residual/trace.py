@@ -122,7 +122,13 @@ def trace(train: Recording, test: Recording, plant: Plant,
                           [after.candidate.residual(p) for p in unseen], seed),
         floor=noise_floor(pieces), white=is_white(pieces),
         lines=tuple(lines(pieces, sample_time)), depends_on=tuple(depends_on),
-        drifts=bool(drift(after) < LEVEL / 10))
+        drifts=drifts(after))
+
+
+def drifts(fit: Fit) -> bool:
+    """Whether the parameters drift over the recording, worth saying and beyond chance."""
+    share, p_value = drift(fit)
+    return p_value < LEVEL and share > WORTH
 
 
 def candidate_of(model: Model) -> Candidate:
