@@ -25,5 +25,6 @@ EFFECT = Effect(
                         -0.95, 0.95, log=False),
     ),
     starts=starts,
+    excitation='move it slowly both ways about the middle, by the same amount',
     law=law,
 )

@@ -29,5 +29,6 @@ EFFECT = Effect(
     reads=('twist',),
     parameters=(EffectParameter('gap', 'half of the play', 'twist', 1e-12, 1e3),),
     starts=starts,
+    excitation='let the load change sign slowly, so that the play is crossed',
     law=law,
 )

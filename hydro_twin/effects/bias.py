@@ -24,5 +24,6 @@ EFFECT = Effect(
         EffectParameter('offset', 'constant added', 'value', -1e9, 1e9, log=False),
     ),
     starts=starts,
+    excitation='record a stretch with the command at zero',
     law=law,
 )

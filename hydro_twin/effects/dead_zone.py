@@ -33,6 +33,7 @@ EFFECT = Effect(
                         refinement=0.0),
     ),
     starts=starts,
+    excitation='use small slow commands about the middle',
     refined=refined,
     law=law,
 )

@@ -15,5 +15,6 @@ EFFECT = Effect(
     kinds=('command',),
     parameters=(EffectParameter('time', 'dead time: u(t - time)', 's', 1e-6, 1e2),),
     starts=starts,
+    excitation='use steps or fast sinusoids',
     shifts='held',
 )

@@ -64,6 +64,8 @@ class Effect:
         reads: the signals of the port it reads, in the order of s.
         memory: how many numbers it keeps.
         starts: what the recording reaches -> sets of parameters to begin a search at.
+        excitation: what a recording must hold to show it, as advice to a person.
+        beyond_reach: whether it may hide beyond what a recording reaches, as a limit does.
         refined: what the recording reaches and the parameters of the simple law -> sets of
             parameters to begin at with refinements let in.
         told: what the recording reaches and parameters -> whether such a recording tells them
@@ -78,6 +80,8 @@ class Effect:
     kinds: tuple[str, ...]
     parameters: tuple[EffectParameter, ...]
     starts: Callable[[Span], Starts]
+    excitation: str
+    beyond_reach: bool = False
     refined: Callable[[Span, tuple[float, ...]], Starts] | None = None
     told: Callable[[Span, tuple[float, ...]], bool] | None = None
     law: Callable[..., Any] | None = None

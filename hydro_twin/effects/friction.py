@@ -64,6 +64,7 @@ EFFECT = Effect(
                         'value/position', 1e-6, math.inf, refinement=math.inf),
     ),
     starts=starts,
+    excitation='let the velocity change sign slowly under load',
     refined=refined,
     law=law,
     memory=1,

@@ -27,5 +27,6 @@ EFFECT = Effect(
                         -1e6, 1e6, log=False),
     ),
     starts=starts,
+    excitation='use small movements about several openings',
     law=law,
 )

@@ -39,6 +39,7 @@ EFFECT = Effect(
                         refinement=1.0),
     ),
     starts=starts,
+    excitation='use slow sinusoids of small amplitude, that turn back often',
     refined=refined,
     law=law,
     memory=2,

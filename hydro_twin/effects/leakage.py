@@ -36,5 +36,6 @@ EFFECT = Effect(
         EffectParameter('exponent', 'power of the pressure', '1', 0.2, 4.0, log=False),
     ),
     starts=starts,
+    excitation='hold high load pressure, both ways',
     law=law,
 )

@@ -29,5 +29,6 @@ EFFECT = Effect(
         EffectParameter('supply_pressure', 'supply pressure p_s', 'load_pressure', 1e3, 1e11),
     ),
     starts=starts,
+    excitation='ask for flow at high load pressure',
     law=law,
 )

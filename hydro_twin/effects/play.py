@@ -24,6 +24,7 @@ EFFECT = Effect(
     kinds=('stem',),
     parameters=(EffectParameter('gap', 'half of the play', 'value', 1e-12, 1e9),),
     starts=starts,
+    excitation='move it slowly back and forth, so that the play is crossed',
     law=law,
     memory=1,
 )

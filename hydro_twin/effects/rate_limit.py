@@ -22,5 +22,7 @@ EFFECT = Effect(
     kinds=('rate', 'speed'),
     parameters=(EffectParameter('limit', 'largest speed', 'value', 1e-12, 1e12),),
     starts=starts,
+    excitation='use fast large steps',
+    beyond_reach=True,
     law=law,
 )

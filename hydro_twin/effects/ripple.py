@@ -40,6 +40,7 @@ EFFECT = Effect(
         EffectParameter('periods', 'periods a turn', '1', 1.0, 1e3, log=False),
     ),
     starts=starts,
+    excitation='turn the motor slowly through several periods',
     told=told,
     law=law,
 )

@@ -29,5 +29,7 @@ EFFECT = Effect(
         EffectParameter('upper', 'largest value', 'value', -1e9, 1e9, log=False),
     ),
     starts=starts,
+    excitation='use large commands, to the end of the stroke',
+    beyond_reach=True,
     law=law,
 )

@@ -26,5 +26,6 @@ EFFECT = Effect(
                         1e-9, 1e15),
     ),
     starts=starts,
+    excitation='twist the coupling far, both ways',
     law=law,
 )

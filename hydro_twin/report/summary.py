@@ -32,6 +32,7 @@ def summarise(trace: Trace, verdict: Verdict) -> dict[str, Any]:
         'improvement': {'relative': trace.proof.relative if verdict.judged else 0.0,
                         'low': trace.proof.low if verdict.judged else 0.0,
                         'high': trace.proof.high if verdict.judged else 0.0},
+        'cannot_show': [{'id': h.id, 'port': h.port, 'says': h.says} for h in trace.hidden],
         'series': _series(trace, after),
         'parameters': {'before': parameters(trace.before), 'after': parameters(after)},
         'persistence': {'test': rms(np.concatenate(

@@ -18,18 +18,23 @@ from hydro_twin.plants import Plant, Port
 from hydro_twin.plants.plant import FloatArray
 
 
+VISIBLE = 50.0          # power of an effect over the noise's, times the samples, that is seen
+
+
 @dataclass(frozen=True)
 class Prospect:
     """An effect on a port with a start for its search.
 
     Attributes:
         share: of the residual's power that it explains at that start, scaled to fit.
+        power: of what it does to the output beyond re-tuning, over that of the residual.
         gain: the scale that fits; near 1 the start is about right.
     """
 
     placed: Placed
     share: float
     gain: float
+    power: float
 
 
 def spans(candidate: Candidate, parts: Sequence[Part]) -> dict[Port, Span]:
@@ -92,7 +97,8 @@ def screen(fit: Fit, parts: Sequence[Part], each: int = 2) -> list[Prospect]:
         if not math.isfinite(size) or size <= 0.0:
             continue
         right_way = max(along, 0.0)
-        prospect = Prospect(placed, right_way**2 / (size * power), right_way / size)
+        prospect = Prospect(placed, right_way**2 / (size * power), right_way / size,
+                            size / power)
         prospects.setdefault((placed.effect.id, placed.port.kind + placed.port.name),
                              []).append(prospect)
     best = [sorted(some, key=_promise, reverse=True)[:each] for some in prospects.values()]
@@ -105,3 +111,33 @@ def _promise(prospect: Prospect) -> float:
     if prospect.gain <= 0.0:
         return 0.0
     return prospect.share / (1.0 + 0.05 * math.log(prospect.gain) ** 2)
+
+
+@dataclass(frozen=True)
+class Hidden:
+    """An effect that a recording could not have shown, and what would."""
+
+    id: str
+    port: str
+    says: str
+
+
+def hidden(fit: Fit, parts: Sequence[Part]) -> list[Hidden]:
+    """List the effects that would not have shown at any strength tried, and limits beyond reach.
+
+    An effect shows if what it does beyond re-tuning would stand out of the residual as it is.
+    """
+    reach = spans(fit.candidate, parts)
+    strongest: dict[tuple[Effect, str], float] = {}
+    for prospect in screen(fit, parts, each=1000):
+        key = (prospect.placed.effect, prospect.placed.port.name)
+        strongest[key] = max(strongest.get(key, 0.0), prospect.power * len(fit.residual))
+    found = []
+    for effect, port in places(fit.candidate.plant, fit.candidate.effects):
+        shows = strongest.get((effect, port.name), 0.0)
+        if shows < VISIBLE or effect.beyond_reach:
+            says = effect.excitation if shows < VISIBLE else (
+                f'the {port.name} reached {reach[port].value:.3g} {port.unit}; '
+                f'a limit beyond that cannot show')
+            found.append(Hidden(effect.id, port.name, says))
+    return found

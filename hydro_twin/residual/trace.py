@@ -10,8 +10,10 @@ from hydro_twin.fitting.free_run import Candidate, Fit, Part, fit_linear, parts_
 from hydro_twin.model import Model
 from hydro_twin.plants import Plant
 from hydro_twin.recording.series import Recording
+from hydro_twin.residual.excerpt import excerpt
 from hydro_twin.residual.noise import Line, is_white, lines, noise_floor
 from hydro_twin.residual.proof import Improvement, improvement
+from hydro_twin.residual.screen import Hidden, hidden
 from hydro_twin.residual.select import (
     CLEARLY,
     Contender,
@@ -58,6 +60,8 @@ class Trace:
     Attributes:
         before, after: the fit at the start and at the end, on the training parts.
         train, test: the parts, in the order of the series.
+        fitted: what of the training parts was fitted: all, or stretches of a long recording.
+        hidden: effects that the recording could not have shown.
         proof: the improvement on the test parts.
         floor: estimated RMS of the noise.
         depends_on: what the residual at the end still depends on.
@@ -69,6 +73,8 @@ class Trace:
     after: Fit
     train: Sequence[Part]
     test: Sequence[Part]
+    fitted: Sequence[Part]
+    hidden: tuple[Hidden, ...]
     findings: tuple[Finding, ...]
     proof: Improvement
     floor: float
@@ -95,7 +101,8 @@ def trace(train: Recording, test: Recording, plant: Plant,
     Raises:
         DataError: a recording is too short, constant or not finite.
     """
-    parts, unseen = parts_of(train, plant), parts_of(test, plant)
+    whole, unseen = parts_of(train, plant), parts_of(test, plant)
+    parts = excerpt(whole)
     sample_time = train.series[0].sample_time
     progress('linear model')
     if model is None:
@@ -116,8 +123,8 @@ def trace(train: Recording, test: Recording, plant: Plant,
     pieces = stretches(after)
     depends_on = dependences(after, parts, unseen)
     return Trace(
-        plant=plant, before=before, after=after, train=parts, test=unseen,
-        findings=tuple(findings),
+        plant=plant, before=before, after=after, train=whole, test=unseen, fitted=parts,
+        hidden=tuple(hidden(after, parts)), findings=tuple(findings),
         proof=improvement([before.candidate.residual(p) for p in unseen],
                           [after.candidate.residual(p) for p in unseen], seed),
         floor=noise_floor(pieces), white=is_white(pieces),
