@@ -25,9 +25,12 @@ class Twin:
 
     def __init__(self, name: str, predictor: Predictor, mode: str,
                  about: Mapping[str, Any] | None = None) -> None:
-        """Run a predictor in one_step or free_run; the name is '' for the main one.
+        """Run a predictor.
 
         Args:
+            name: among the topics, '' for the main one.
+            predictor: of any kind.
+            mode: one_step or free_run.
             about: what to tell others of the model.
         """
         self.name = name

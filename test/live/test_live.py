@@ -178,6 +178,12 @@ def test_scale_and_offset_apply() -> None:
             joint_state(START, ['a'], [3.0]))
 
 
+def test_bytes_after_the_end_do_not_matter() -> None:
+    signal = SignalMap('/a', 'sensor_msgs/msg/JointState', 'position[0]')
+    payload = joint_state(START, ['a'], [3.0])
+    assert Reader([signal]).read(payload + b'some more') == (START, [3.0])
+
+
 def test_the_writer_writes_what_the_reader_reads() -> None:
     for unit, field in (('N m', 'effort'), ('m', 'position'), ('rad/s', 'velocity')):
         payload = Writer('T_g', unit).write(START, 1.25)

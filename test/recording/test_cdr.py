@@ -58,13 +58,11 @@ def test_columns_equal_the_deserialised_fields(messages, little):
 @given(message=odd(), data=st.data())
 def test_damaged_messages_are_told_from_whole_ones(message, data):
     payload = bytes(TYPES.serialize_cdr(message, ODD))
-    # Padding of up to three bytes at the end is as good as none.
     cut = data.draw(st.integers(0, len(payload) - 1))
     with pytest.raises(CdrError, match='damaged'):
         lay_out(payload[:cut], ODD, TYPES)
-    assert lay_out(payload + bytes(3), ODD, TYPES).leaves == lay_out(payload, ODD, TYPES).leaves
-    with pytest.raises(CdrError, match='damaged'):
-        lay_out(payload + bytes(4), ODD, TYPES)
+    # rclpy's serialize_message leaves some bytes after the end.
+    assert lay_out(payload + bytes(9), ODD, TYPES).leaves == lay_out(payload, ODD, TYPES).leaves
 
 
 def test_joints_without_names_are_refused():
