@@ -8,9 +8,7 @@ from functools import partial
 import gc
 import json
 from pathlib import Path
-import queue
 import sys
-import threading
 import time
 from typing import Any
 
@@ -39,6 +37,7 @@ from hydro_twin.live.messages import message_class
 from hydro_twin.live.models import Choice, choices, load_twin, same_inputs, taste
 from hydro_twin.live.outlet import Outlet
 from hydro_twin.live.twin import Twin
+from hydro_twin.live.worker import Worker
 from hydro_twin.plants import Plant
 from hydro_twin.predictors.predictor import MODES
 from hydro_twin.recording.signals import default_config, load_parameters, signal_maps, SignalMap
@@ -62,6 +61,7 @@ class TwinNode(LifecycleNode):
         super().__init__('hydro_twin')
         self.fault: UserError | None = None   # why the last configure failed
         self._live: Live | None = None
+        self._diagnosis: Diagnosis | None = None
         self._outlets: list[Outlet] = []
         self._outgoing: list[LifecyclePublisher] = []
         self._chosen: list[Choice] = []
@@ -69,7 +69,6 @@ class TwinNode(LifecycleNode):
         self._restore: str | None = None      # the value of `model` before it was refused
         self._entities: list[tuple[Callable[[Any], Any], Any]] = []   # of an active node
         self._publisher_counts: dict[str, Callable[[], int]] = {}
-        self._jobs: queue.Queue[Callable[[], None] | None] = queue.Queue()
         self._declare()
         latched = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
         self._info = self.create_publisher(String, '~/model_info', latched,
@@ -77,8 +76,8 @@ class TwinNode(LifecycleNode):
         self._event = self.create_publisher(String, '~/model_event', 10)
         self._diagnostics = self.create_publisher(DiagnosticArray, '/diagnostics', 10)
         self.create_service(Trigger, '~/reset', self._on_reset)
-        self._worker = threading.Thread(target=self._work, name='worker', daemon=True)
-        self._worker.start()
+        self._worker = Worker(PERIOD, self._diagnose, lambda error: self.get_logger().error(
+            f'off the hot path: {error!r}', throttle_duration_sec=60.0))
 
     def _declare(self) -> None:
         """Declare the parameters that do not hang on the plant."""
@@ -139,8 +138,7 @@ class TwinNode(LifecycleNode):
 
     def destroy_node(self) -> None:
         """Stop the thread, then the node."""
-        self._jobs.put(None)
-        self._worker.join(timeout=5.0)
+        self._worker.stop()
         super().destroy_node()
 
     def _configure(self) -> None:
@@ -217,7 +215,8 @@ class TwinNode(LifecycleNode):
             self.destroy_lifecycle_publisher(publisher)
         self._outgoing.clear()
         self._outlets = []
-        self._live = self._diagnosis = None
+        self._live = None
+        self._diagnosis = None
         self._swaps.clear()
         for key in self.get_parameters_by_prefix('signals'):
             self.undeclare_parameter(f'signals.{key}')
@@ -310,24 +309,10 @@ class TwinNode(LifecycleNode):
             self._live.aligner.bound_wait(values['wait'])
         if 'model' in values or 'mode' in values:
             model = self._chosen[0].path if 'model' not in values else values['model']
-            self._jobs.put(partial(self._reload, Path(model).expanduser(),
+            self._worker.do(partial(self._reload, Path(model).expanduser(),
                                    self.get_parameter('mode').value))
 
     # Off the hot path
-
-    def _work(self) -> None:
-        """Load models and publish diagnostics, in a thread of its own."""
-        self._diagnosed = time.monotonic()
-        while True:
-            job: Callable[[], None] | None = self._diagnose
-            with contextlib.suppress(queue.Empty):
-                job = self._jobs.get(timeout=max(self._diagnosed + PERIOD - time.monotonic(), 0.0))
-            if job is None:
-                return
-            try:
-                job()
-            except Exception as error:   # it must not end the diagnostics
-                self.get_logger().error(f'{error!r}', throttle_duration_sec=60.0)
 
     def _reload(self, model: Path, mode: str) -> None:
         """Load what has changed to take over from what runs, or leave that running."""
@@ -352,9 +337,8 @@ class TwinNode(LifecycleNode):
         self._tell_info(self._diagnosis.twins)
         self._tell_event('swapped', model=str(model), mode=mode)
 
-    def _diagnose(self) -> None:
+    def _diagnose(self, elapsed: float) -> None:
         """Judge the residuals, publish diagnostics, tidy up."""
-        elapsed, self._diagnosed = time.monotonic() - self._diagnosed, time.monotonic()
         diagnosis = self._diagnosis
         if diagnosis is None:
             return
