@@ -27,15 +27,20 @@ import rclpy
 from rclpy.executors import Executor, ExternalShutdownException
 from rclpy.node import Node
 from rclpy.qos import QoSProfile, ReliabilityPolicy
+from rclpy.serialization import serialize_message
 from sensor_msgs.msg import JointState
 
+from hydro_twin.live.diagnostics import Diagnosis
+from hydro_twin.live.live import Live
+from hydro_twin.live.models import Choice, load_twin
+from hydro_twin.live.outlet import Outlet
 from hydro_twin.live.reader import Reader
 from hydro_twin.live.writer import Writer
 from hydro_twin.model import Estimate, FittedEffect, Model, place, write_model
 from hydro_twin.node import make_executor
 from hydro_twin.plants import plant_named
 from hydro_twin.predictors.network import Network, save_network
-from hydro_twin.recording.signals import SignalMap
+from hydro_twin.recording.signals import load_signals, SignalMap
 
 PLANT = plant_named('load_simulator')
 COMMAND, JOINTS = '/load_simulator/command', '/load_simulator/joint_states'
@@ -181,6 +186,7 @@ def main() -> None:
     parser.add_argument('--only', nargs='*', default=[])
     parser.add_argument('--repeat', type=int, default=2, help='bare and twins in turn')
     parser.add_argument('--rates', type=float, nargs='*', default=[1000.0, 1500.0, 2000.0])
+    parser.add_argument('--messages', type=int, default=2_000_000, help='of the memory run')
     parser.add_argument('--bare', action='store_true', help=argparse.SUPPRESS)
     args = parser.parse_args()
     os.environ.setdefault('ROS_AUTOMATIC_DISCOVERY_RANGE', 'LOCALHOST')
@@ -211,9 +217,62 @@ def main() -> None:
             found.setdefault((name, rate), []).append(figures)
             print(json.dumps({'case': name, 'rate_hz': rate, **figures}), flush=True)
             time.sleep(1.0)
-    show_ratios(found)
+        show_ratios(found)
+        if not args.only:
+            print(json.dumps({'step against publish': one_step_against_publish(linear)}))
+            print(json.dumps({'memory': memory(linear, args.messages)}))
     rclpy.try_shutdown()
     driver.thread.join()
+
+
+def memory(model: Path, messages: int) -> dict[str, float]:
+    """Run all of the twin but ROS over many messages, as fast as it goes."""
+    twin_ = load_twin(Choice('', model), 'one_step')
+    live = Live(PLANT, load_signals(PLANT.name, [s.name for s in PLANT.signals]), 0.002, 0.1)
+    outlet = Outlet(twin_, len, len)
+    diagnosis = Diagnosis(live, [twin_])
+    command, state = Writer('u_m', 'V'), JointState(name=['rig'], position=[0.0], effort=[0.0])
+    begun, started = 0.0, time.monotonic()
+    for k in range(messages // 2):
+        stamp = 10**15 + k * 2_000_000
+        state.header.stamp.sec, state.header.stamp.nanosec = divmod(stamp, 1_000_000_000)
+        state.effort[0] = float(k % 100)
+        for feed, payload in zip(live.feeds, (command.write(stamp, k % 7.0),
+                                              serialize_message(state)), strict=True):
+            live.take(feed, payload, time.time_ns)
+        while live.aligner.advance():
+            outlet.step(live.aligner.stamp, live.aligner.inputs, live.aligner.measured)
+        if k % 500 == 0:
+            twin_.monitor.judge()
+            diagnosis.statuses(time.time_ns(), 1.0, {})
+        if k == messages // 20:
+            begun = resident(os.getpid())
+    return {'messages': messages, 'predictions': twin_.predictions,
+            'grown_mb_after_a_tenth': round(resident(os.getpid()) - begun, 2),
+            'us_per_sample': round(2e6 * (time.monotonic() - started) / messages, 1)}
+
+
+def one_step_against_publish(model: Path) -> dict[str, float]:
+    """Compare a live step of the linear predictor with one rclpy publish that someone hears."""
+    stepper, inputs = load_twin(Choice('', model), 'one_step').predictor.stepper('one_step'), \
+        np.zeros(2)
+    node, count = Node('publisher'), 5000
+    publisher = node.create_publisher(JointState, JOINTS, 200)
+    with running([__file__, '--bare']):
+        while not publisher.get_subscription_count():
+            time.sleep(0.05)
+        message = JointState(name=['rig'], position=[0.0], effort=[0.0])
+        times = []
+        for work in (lambda: stepper.step(inputs, 1.0), lambda: publisher.publish(message)):
+            each = []
+            for _ in range(count):
+                begin = time.perf_counter_ns()
+                work()
+                each.append(time.perf_counter_ns() - begin)
+            times.append(float(np.median(each)) / 1e3)
+    node.destroy_node()
+    return {'step_us': round(times[0], 2), 'publish_us': round(times[1], 2),
+            'ratio': round(times[0] / times[1], 3)}
 
 
 def show_ratios(found: dict[tuple[str, float], list[dict[str, float]]]) -> None:

@@ -70,8 +70,12 @@ class Aligner:
         self._wait = wait * 1e9
 
     def note_silence(self, silence: int) -> None:
-        """Note for how long nothing has come [ns], so that `advance` fills in what is late."""
-        self._silence = silence
+        """Note how long nothing has come [ns], so that `advance` goes on where inputs rest.
+
+        Where they come at a rate, silence is a stall, and the stamps will tell what it was.
+        """
+        resting = all(track.resting for track in self.tracks if track.needed)
+        self._silence = silence if resting else 0
 
     def restart(self) -> None:
         """Forget everything; the next sample begins a new series."""

@@ -68,6 +68,11 @@ class Track:
         self._pauses.clear()
         self._next_pace = 1
 
+    @property
+    def resting(self) -> bool:
+        """Whether a pause says nothing, or nothing yet."""
+        return self.held and (self.rests or math.isinf(self.longest_gap))
+
     def first(self) -> int | None:
         """Return the stamp from which the signal is known."""
         if self.before is not None:
