@@ -20,6 +20,7 @@ if TYPE_CHECKING:
     from hydro_twin.effects import Placed
     from hydro_twin.plants import Plant
     from hydro_twin.simulation.excitation import Spec
+    from hydro_twin.simulation.simulate import Excitation
 
 START = 1_000_000_000_000                   # stamp of the first sample [ns]
 PAUSE = 1_000_000_000                       # between two series [ns]
@@ -44,6 +45,10 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
                         'chirp, steps and random. Repeated for one input, each makes one more '
                         'series. Default: on the first input sinusoids of 1, 7 and 9 Hz, random '
                         'motion on the others; an amplitude that suits the linear plant')
+    parser.add_argument('--burst', action='append', default=[],
+                        metavar='INPUT:begin=S,length=S,frequency=HZ,amplitude=VALUE',
+                        help='a vibration on top of the excitation of an input, in every series; '
+                        'may be repeated')
     parser.add_argument('--duration', type=float, default=3.0, metavar='SECONDS',
                         help='of each series (default: 3)')
     parser.add_argument('--snr', type=float, metavar='DB',
@@ -83,6 +88,7 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
         identifier, _, port = head.partition('@')
         effects.append(place(identifier, port, settings_of(text, rest), plant))
     table = _excitations(args.excitation, plant)
+    bursts = _bursts(args.burst, plant)
 
     values = {**rig.constants, **parameters}
     laws = plant.laws(values)
@@ -95,6 +101,8 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
                 signal.name: make(spec, Run(args.duration, rng), laws, column,
                                   SHARES[column > 0] * plant.output_scale, plant.sample_time)
                 for column, (signal, spec) in enumerate(zip(plant.inputs, specs, strict=True))}
+            for name, burst in bursts:
+                inputs[name] = _sum(inputs[name], burst)
             one = simulate(plant, values, effects, inputs, args.duration, start, tick)
             if not np.isfinite(one[plant.output.name]).all():
                 raise DataError(f'{plant.name} diverges with these values')
@@ -129,8 +137,7 @@ def _excitations(texts: list[str], plant: Plant) -> list[list[Spec]]:
     given: dict[str, list[Spec]] = {signal.name: [] for signal in plant.inputs}
     for text in texts:
         name, _, rest = text.partition('=')
-        if name not in given:
-            raise UserError(f'{plant.name} has no input {name!r}; it has {", ".join(given)}')
+        _known(name, plant)
         given[name].append(parse(rest))
     first, *others = given
     given[first] = given[first] or [parse(text) for text in B19]
@@ -142,6 +149,27 @@ def _excitations(texts: list[str], plant: Plant) -> list[list[Spec]]:
             raise UserError(f'{len(specs)} excitations for {name} but {count} series: give one '
                             'for all, or one for each')
     return [[specs[min(k, len(specs) - 1)] for specs in given.values()] for k in range(count)]
+
+
+def _bursts(texts: list[str], plant: Plant) -> list[tuple[str, Excitation]]:
+    """Say what is added to which input."""
+    from hydro_twin.simulation.excitation import parse_burst
+
+    bursts = [parse_burst(text) for text in texts]
+    for name, _ in bursts:
+        _known(name, plant)
+    return bursts
+
+
+def _sum(one: Excitation, other: Excitation) -> Excitation:
+    return lambda t: one(t) + other(t)
+
+
+def _known(name: str, plant: Plant) -> None:
+    """Refuse what is no input of the plant."""
+    names = [signal.name for signal in plant.inputs]
+    if name not in names:
+        raise UserError(f'{plant.name} has no input {name!r}; it has {", ".join(names)}')
 
 
 def _described(placed: Placed) -> dict[str, Any]:

@@ -112,6 +112,31 @@ def parse(text: str) -> Spec:
     return Spec(kind, settings, amplitude, offset)
 
 
+def burst(begin: float, length: float, frequency: float, amplitude: float) -> Excitation:
+    """Make a vibration [Hz] that swells and fades within `length` seconds from `begin` on [s]."""
+    def vibration(t: FloatArray) -> FloatArray:
+        share = np.clip((t - begin) / length, 0.0, 1.0)
+        return amplitude * np.sin(np.pi * share) ** 2 * np.sin(2 * np.pi * frequency * t)
+
+    return vibration
+
+
+def parse_burst(text: str) -> tuple[str, Excitation]:
+    """Read INPUT:begin=2,length=0.2,frequency=60,amplitude=1e-3.
+
+    Raises:
+        UserError: a setting is missing, unknown, or no number above zero.
+    """
+    name, _, rest = text.partition(':')
+    settings = settings_of(text, rest)
+    wanted = [*inspect.signature(burst).parameters]
+    if sorted(settings) != sorted(wanted):
+        raise UserError(f'burst {text!r}: it takes {", ".join(wanted)}, each once')
+    if not all(0 < value < np.inf for value in settings.values()):
+        raise UserError(f'burst {text!r}: every value must be finite, and above zero')
+    return name, burst(**settings)
+
+
 def settings_of(text: str, rest: str) -> dict[str, float]:
     """Split the `rest` of a text, NAME=VALUE,..., into numbers.
 

@@ -78,7 +78,23 @@ def test_excitations_make_series(tmp_path, capsys):
             one['theta_d'], 0.01 * np.sin(4 * np.pi * 0.002 * np.arange(300)), atol=1e-12)
 
 
+def test_a_burst_is_added_for_as_long_as_it_lasts(tmp_path, capsys):
+    burst = ('--burst', 'theta_d:begin=0.3,length=0.1,frequency=60,amplitude=0.002')
+    simulate(capsys, tmp_path / 'without')
+    simulate(capsys, tmp_path / 'with', *burst)
+    for one, other in zip(columns(tmp_path / 'without'), columns(tmp_path / 'with'), strict=True):
+        added = other['theta_d'] - one['theta_d']
+        assert np.abs(np.delete(added, np.s_[150:200])).max() == 0
+        assert 0.0015 < np.abs(added).max() <= 0.002
+        assert np.abs(np.fft.rfft(added[150:200])).argmax() == 6        # times 10 Hz
+        np.testing.assert_array_equal(one['u_m'], other['u_m'])
+        assert np.abs(other['T_g'] - one['T_g'])[150:200].max() > 1.0
+
+
 @pytest.mark.parametrize(('arguments', 'says'), [
+    (['--burst', 'theta_d:begin=1'], 'it takes begin, length, frequency, amplitude'),
+    (['--burst', 'theta_d:begin=1,length=0,frequency=60,amplitude=1'], 'above zero'),
+    (['--burst', 'q:begin=1,length=1,frequency=60,amplitude=1'], "no input 'q'"),
     (['--effect', 'magic@motor:x=1'], 'takes no effect magic at port motor'),
     (['--effect', 'friction@spool:coulomb=1'], 'takes no effect friction at port spool'),
     (['--effect', 'friction@motor'], 'coulomb is missing'),
