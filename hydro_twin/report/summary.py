@@ -11,7 +11,7 @@ from hydro_twin.model import Estimate, FittedEffect, Model
 from hydro_twin.plants.difference_equation import characteristic
 from hydro_twin.plants.plant import FloatArray
 from hydro_twin.residual.trace import Trace
-from hydro_twin.residual.verdict import Judged, Verdict
+from hydro_twin.residual.verdict import CLOSE, drifts, is_structured, Judged, LIKELY, Verdict
 
 
 def summarise(trace: Trace, verdict: Verdict) -> dict[str, Any]:
@@ -44,7 +44,8 @@ def summarise(trace: Trace, verdict: Verdict) -> dict[str, Any]:
             'depends_on': [{'port': d.port, 'signal': d.signal, 'share': d.share,
                             'held_out': d.held_out, 'p_value': d.p_value}
                            for d in trace.depends_on],
-            'drifts': trace.drifts,
+            'drifts': drifts(trace),
+            'foretold': {'share': trace.foretold[0], 'p_value': trace.foretold[1]},
             'says': remainder_sentence(trace),
         },
     }
@@ -71,7 +72,7 @@ def sentence(trace: Trace, verdict: Verdict) -> str:
 
 
 def _named(judged: Judged) -> str:
-    close = [name for name, distance in judged.rivals if distance < 10.0]
+    close = [name for name, distance in judged.rivals if distance < CLOSE]
     text = f'{judged.id.replace("_", " ")} at the {judged.port}'
     if close:
         text = f'{text} (or {" or ".join(name.replace("_", " ") for name in close)})'
@@ -86,8 +87,11 @@ def remainder_sentence(trace: Trace) -> str:
         what = 'value' if first.signal == 'value' else first.signal.replace('_', ' ')
         parts.append(f'it depends on the {what} at the {first.port} '
                      f'({first.share:.0%} of what is left)')
-    if trace.drifts:
+    if drifts(trace):
         parts.append('a parameter drifts over the recording')
+    if not parts and is_structured(trace, LIKELY):
+        parts.append(f'{trace.foretold[0]:.0%} of what is left follows what happens at the ports, '
+                     f'by no single curve')
     if parts:
         return '; '.join(parts)
     if trace.white:

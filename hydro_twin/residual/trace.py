@@ -23,7 +23,7 @@ from hydro_twin.residual.select import (
     search,
     stretches,
 )
-from hydro_twin.residual.structure import Dependence, dependences, drift
+from hydro_twin.residual.structure import Dependence, dependences, drift, foretold
 
 MOST = 4                # effects in a model
 LEVEL = 1e-3            # of a test, corrected for all that was tried
@@ -65,7 +65,8 @@ class Trace:
         proof: the improvement on the test parts.
         floor: estimated RMS of the noise.
         depends_on: what the residual at the end still depends on.
-        drifts: whether the parameters drift over the recording.
+        drifts: (share, p-value) of a drift of the parameters in what is left.
+        foretold: (share, p-value) of what is left that the signals at the ports foretell.
     """
 
     plant: Plant
@@ -81,7 +82,8 @@ class Trace:
     white: bool
     lines: tuple[Line, ...]
     depends_on: tuple[Dependence, ...]
-    drifts: bool
+    drifts: tuple[float, float]
+    foretold: tuple[float, float]
 
 
 def trace(train: Recording, test: Recording, plant: Plant,
@@ -116,7 +118,10 @@ def trace(train: Recording, test: Recording, plant: Plant,
         contenders = contend(base, parts, LATER if findings else EVERY, not findings, progress)
         if not contenders or not earns(base, contenders[0].fit, unseen, seed):
             break
-        findings.append(finding(base, contenders, len(base.candidate.effects)))
+        found = finding(base, contenders, len(base.candidate.effects))
+        if findings and nearest(found, contenders[0].id) < CLEARLY:
+            break                           # what one law leaves is no evidence for just any other
+        findings.append(found)
         base = finely(contenders[0].fit, parts)
         base, findings = prune(base, findings, parts)
     after = search(base.candidate, parts, 60) if findings else base
@@ -129,13 +134,7 @@ def trace(train: Recording, test: Recording, plant: Plant,
                           [after.candidate.residual(p) for p in unseen], seed),
         floor=noise_floor(pieces), white=is_white(pieces),
         lines=tuple(lines(pieces, sample_time)), depends_on=tuple(depends_on),
-        drifts=drifts(after))
-
-
-def drifts(fit: Fit) -> bool:
-    """Whether the parameters drift over the recording, worth saying and beyond chance."""
-    share, p_value = drift(fit)
-    return p_value < LEVEL and share > WORTH
+        drifts=drift(after), foretold=foretold(after, parts))
 
 
 def candidate_of(model: Model) -> Candidate:
@@ -165,6 +164,11 @@ def finding(before: Fit, contenders: Sequence[Contender], index: int) -> Finding
         share=1.0 - (best.fit.error / before.error) ** 2, evidence=none - one,
         rivals=tuple((c, score - scores[0]) for c, score in
                      zip(others, scores[1:], strict=True)))
+
+
+def nearest(found: Finding, winner: str) -> float:
+    """Distance of the criterion to the nearest effect of another name."""
+    return min((d for contender, d in found.rivals if contender.id != winner), default=np.inf)
 
 
 def finely(fit: Fit, parts: Sequence[Part]) -> Fit:

@@ -8,7 +8,9 @@ from hydro_twin.residual.trace import Finding, Trace
 
 CLOSE = 10.0            # distance of the criterion below which the data do not tell rivals apart
 FAR = 30.0              # and from which a rival is no longer near
-STRUCTURED = 0.02       # share of the residual in a dependence from which a law is not the right one
+LEFT = 0.01             # share of what is left, foretold by the ports, from which a law is not right
+LIKELY = 0.05           # p-value of that
+DRIFTS = 0.02           # share of what is left in a drift from which it is said
 TELLING = 300.0         # power explained over the noise's, below which a law's shape cannot show
 ENOUGH = 0.5            # share of what is above the noise that named effects must explain
 
@@ -44,7 +46,7 @@ def judge(trace: Trace) -> Verdict:
     ambiguous = tuple(
         (j.id, *[name for name, distance in j.rivals if distance < CLOSE])
         for j in judged if any(distance < CLOSE for _, distance in j.rivals))
-    structured = bool(trace.depends_on or trace.lines or trace.drifts)
+    structured = is_structured(trace, 0.2 * LIKELY)
     above = trace.before.error**2 - trace.floor**2
     explained = trace.before.error**2 - trace.after.error**2
     if judged and not (structured and explained < ENOUGH * above):
@@ -52,15 +54,27 @@ def judge(trace: Trace) -> Verdict:
     return Verdict('unexplained' if structured else 'nothing_missing', (), ())
 
 
+def is_structured(trace: Trace, level: float) -> bool:
+    """Whether what is left depends on anything, by tests at this level."""
+    share, p_value = trace.foretold
+    return bool(trace.depends_on or trace.lines or drifts(trace)
+                or (p_value < level and share > LEFT))
+
+
+def drifts(trace: Trace) -> bool:
+    """Whether parameters drift over the recording."""
+    share, p_value = trace.drifts
+    return p_value < 0.2 * LIKELY and share > DRIFTS
+
+
 def _judge(trace: Trace, finding: Finding) -> Judged:
     """Judge one finding against its rivals and against what is left."""
     placed = trace.after.candidate.effects[finding.index]
     rivals = _by_id(finding, placed.effect.id)
     telling = finding.share / (1.0 - min(finding.share, 1.0 - 1e-12)) * len(trace.after.residual)
-    structured = trace.drifts or any(d.share > STRUCTURED for d in trace.depends_on)
     return Judged(
         finding, placed.effect.id, placed.port.name,
-        certain=telling > TELLING and not structured and not trace.lines
+        certain=telling > TELLING and not is_structured(trace, LIKELY)
         and all(distance > FAR for _, distance in rivals),
         rivals=rivals)
 
