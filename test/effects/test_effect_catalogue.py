@@ -1,0 +1,122 @@
+"""What every effect must say of itself, whatever its law."""
+import math
+
+import pytest
+
+from hydro_twin.effects import EFFECTS, MODULES, sites, Span
+from hydro_twin.plants import PLANTS
+
+IDS = {'friction', 'dead_zone', 'backlash', 'saturation', 'rate_limit', 'hysteresis', 'delay',
+       'asymmetry', 'bias', 'orifice', 'leakage', 'stiffening', 'ripple', 'gain'}
+SITES = [(plant, effect, port) for plant in PLANTS.values() for effect in EFFECTS
+         for port in sites(effect, plant)]
+
+
+def named(site):
+    plant, effect, port = site
+    return f'{plant.name}-{effect.id}-{port.name}'
+
+
+def wide(port):
+    """A span in which every signal moves enough to show anything."""
+    largest = {name: 5e6 if unit == 'Pa' else 3.0 for name, unit in port.signals.items()}
+    return Span(2.0, largest, {name: 2 * size for name, size in largest.items()}, 0.002)
+
+
+def test_every_id_exists():
+    assert {effect.id for effect in EFFECTS} == IDS
+
+
+def test_the_load_simulator_takes_all_but_the_valves_gain():
+    assert {effect.id for plant, effect, _ in SITES
+            if plant.name == 'load_simulator'} == IDS - {'gain'}
+
+
+def test_a_model_file_names_one_law():
+    places = [(plant.name, effect.id, port.name) for plant, effect, port in SITES]
+    assert len(set(places)) == len(places)
+
+
+@pytest.mark.parametrize('effect', EFFECTS, ids=MODULES)
+def test_every_effect_has_a_place_and_something_to_say(effect):
+    assert any(e is effect for _, e, _ in SITES)
+    assert effect.title
+    assert effect.excitation
+    assert (effect.law is None) == bool(effect.shifts)
+    if effect.law is not None:
+        assert effect.law.py_func.__doc__
+
+
+@pytest.mark.parametrize('effect', EFFECTS, ids=MODULES)
+def test_parameters_have_bounds_that_hold(effect):
+    assert len({p.name for p in effect.parameters}) == len(effect.parameters)
+    for p in effect.parameters:
+        assert p.lower < p.upper
+        assert p.lower > 0.0 or not p.log
+        assert p.refinement is None or p.lower <= p.refinement <= p.upper
+
+
+@pytest.mark.parametrize('site', SITES, ids=named)
+def test_a_search_starts_within_the_bounds_and_with_the_simple_law(site):
+    _, effect, port = site
+    span = wide(port)
+    starts = list(effect.starts(span))
+    assert starts
+    for start in starts:
+        assert effect.told is None or effect.told(span, start)
+        for p, value in zip(effect.parameters, start, strict=True):
+            assert p.lower <= value <= p.upper
+            assert p.refinement is None or value == p.refinement
+    if effect.refined is None:
+        assert all(p.refinement is None for p in effect.parameters)
+        return
+    let_in = set()
+    for start in effect.refined(span, starts[0]):
+        for p, value in zip(effect.parameters, start, strict=True):
+            assert p.lower <= value <= p.upper
+            if p.refinement is not None and value != p.refinement:
+                let_in.add(p.name)
+    assert let_in == {p.name for p in effect.parameters if p.refinement is not None}
+
+
+@pytest.mark.parametrize('site', SITES, ids=named)
+def test_starts_follow_the_unit_of_the_port(site):
+    """In millivolts instead of volts, a search begins at the same place."""
+    _, effect, port = site
+    span = wide(port)
+    thousand = Span(1e3 * span.value, span.signals, span.travel, span.sample_time)
+    for one, other in zip(effect.starts(span), effect.starts(thousand), strict=True):
+        for p, a, b in zip(effect.parameters, one, other, strict=True):
+            in_value = p.unit == 'value' and p.refinement is None
+            assert b == pytest.approx(1e3 * a if in_value else a)
+
+
+@pytest.mark.parametrize('site', SITES, ids=named)
+def test_units_are_written_out(site):
+    _, effect, port = site
+    for p in effect.parameters:
+        unit = effect.unit(p, port)
+        assert unit
+        assert not any(name in unit for name in ('value', *port.signals))
+
+
+def test_units_of_a_port():
+    def unit(identifier, name):
+        return next(effect.unit(p, port) for plant, effect, port in SITES
+                    if plant.name == 'load_simulator' and effect.id == identifier
+                    for p in effect.parameters if p.name == name)
+
+    assert unit('friction', 'coulomb') == 'N m'
+    assert unit('friction', 'stribeck_velocity') == 'rad/s'
+    assert unit('friction', 'bristle_stiffness') == 'N m/rad'
+    assert unit('backlash', 'gap') == 'rad'
+    assert unit('stiffening', 'cubic') == '1/rad^2'
+    assert unit('rate_limit', 'limit') == 'm/s'
+    assert unit('delay', 'time') == 's'
+
+
+def test_ripple_is_told_from_a_bias_only_by_most_of_a_period():
+    ripple = next(effect for effect in EFFECTS if effect.id == 'ripple')
+    span = Span(1.0, {'velocity': 1.0, 'position': 1.0}, {'velocity': 2.0, 'position': 0.5}, 0.002)
+    assert not ripple.told(span, (1.0, 0.0, 2 * math.pi))
+    assert ripple.told(span, (1.0, 0.0, 4 * math.pi))

@@ -1,0 +1,203 @@
+"""The law of each effect against its definition, written down a second time."""
+import math
+
+from hypothesis import given
+from hypothesis import strategies as st
+import numpy as np
+import pytest
+
+from hydro_twin.effects import EFFECTS
+
+AT = {(effect.id, effect.kinds[0]): effect for effect in EFFECTS}
+V = np.linspace(-2.0, 2.0, 41)
+INF = math.inf
+number = st.floats(-10.0, 10.0)
+above = st.floats(1e-3, 10.0)
+
+
+def law(key):
+    return AT[key].law
+
+
+def apply(key, v, parameters, signals=()):
+    """Evaluate a law without memory, one value after another."""
+    signals = [np.broadcast_to(s, np.shape(v)) for s in signals]
+    return np.array([
+        law(key)(value, np.array([*(s[k] for s in signals), 0.0]), np.array(parameters),
+                 np.zeros(0), 1e-3, 0.0, np.zeros(0))
+        for k, value in enumerate(v)])
+
+
+def remember(key, v, parameters, memory):
+    """Evaluate a law with memory along a sequence."""
+    z, out = np.zeros(memory), []
+    for value in v:
+        z_next = z.copy()
+        out.append(law(key)(value, np.zeros(2), np.array(parameters), z, 1e-3, 0.0, z_next))
+        z = z_next
+    return np.array(out)
+
+
+def test_asymmetry_is_two_slopes():
+    expected = np.where(V > 0, 1.3 * V, 0.7 * V)
+    np.testing.assert_allclose(apply(('asymmetry', 'flow'), V, [0.3]), expected, atol=1e-15)
+
+
+def test_backlash_leaves_the_twist_beyond_the_gap():
+    stiffness, gap = 9e3, 0.4
+    expected = stiffness * (V - np.clip(V, -gap, gap))
+    found = apply(('backlash', 'coupling'), stiffness * V, [gap], [V])
+    np.testing.assert_allclose(found, expected, atol=1e-11)
+
+
+def test_bias_adds():
+    np.testing.assert_allclose(apply(('bias', 'command'), V, [0.25]), V + 0.25)
+
+
+def test_dead_zone_passes_what_exceeds_it():
+    width, centre = 0.5, 0.2
+    w = V - centre
+    expected = np.sign(w) * np.maximum(np.abs(w) - width, 0.0)
+    found = apply(('dead_zone', 'opening'), V, [width, centre])
+    np.testing.assert_allclose(found, expected, atol=1e-15)
+
+
+def test_gain_never_turns_round():
+    found = apply(('gain', 'speed'), np.ones_like(V), [0.8], [V])
+    np.testing.assert_allclose(found, np.clip(1 + 0.8 * V, 0, None))
+
+
+def test_leakage_is_odd_and_a_power_of_the_pressure():
+    p = np.linspace(-8e6, 8e6, 33)
+    for exponent in (0.5, 2.0):
+        expected = 0.1 + 3e-7 * np.sign(p) * np.abs(p / 1e6) ** exponent
+        found = apply(('leakage', 'leakage'), np.full_like(p, 0.1), [3e-7, exponent], [p])
+        np.testing.assert_allclose(found, expected, rtol=1e-13)
+
+
+def test_orifice_is_the_square_root_of_the_drop():
+    x, p = (a.ravel() for a in np.meshgrid(V, np.linspace(-12e6, 12e6, 25)))
+    supply = 10e6
+    with np.errstate(invalid='ignore'):
+        expected = 1.35 * x * np.nan_to_num(np.sqrt((supply - np.sign(x) * p) / supply))
+    found = apply(('orifice', 'flow'), 1.35 * x, [supply], [x, p])
+    np.testing.assert_allclose(found, expected, atol=1e-14)
+
+
+@pytest.mark.parametrize('key', [('rate_limit', 'rate'), ('saturation', 'opening')])
+def test_limits_are_limits(key):
+    limits = [0.7] if key[0] == 'rate_limit' else [-0.7, 0.7]
+    np.testing.assert_array_equal(apply(key, V, limits), np.clip(V, -0.7, 0.7))
+
+
+def test_saturation_may_have_one_end():
+    np.testing.assert_array_equal(apply(('saturation', 'opening'), V, [-INF, 1.05]),
+                                  np.minimum(V, 1.05))
+
+
+def test_ripple_is_a_wave_with_a_phase():
+    cosine, sine = 3.0, -2.0
+    expected = math.hypot(cosine, sine) * np.cos(9 * V - math.atan2(sine, cosine))
+    found = apply(('ripple', 'force'), np.zeros_like(V), [cosine, sine, 9.0], [V])
+    np.testing.assert_allclose(found, expected, atol=1e-13)
+
+
+def test_stiffening_is_the_slope_of_the_energy_of_a_cubic_spring():
+    stiffness, cubic, step = 2.0, 0.6, 1e-5
+
+    def energy(twist):
+        return stiffness * (twist**2 / 2 + cubic * twist**4 / 4)
+
+    expected = (energy(V + step) - energy(V - step)) / (2 * step)
+    found = apply(('stiffening', 'coupling'), stiffness * V, [cubic], [V])
+    np.testing.assert_allclose(found, expected, atol=1e-8)
+
+
+def play(values, half_width):
+    """A loose sleeve round a rod: it is pushed at either end, and else stays."""
+    sleeve, out = 0.0, []
+    for rod in values:
+        if rod - sleeve > half_width:
+            sleeve = rod - half_width
+        elif sleeve - rod > half_width:
+            sleeve = rod + half_width
+        out.append(sleeve)
+    return np.array(out)
+
+
+@given(st.lists(number, min_size=1, max_size=40), above)
+def test_play_is_a_sleeve_on_a_rod(values, gap):
+    np.testing.assert_allclose(remember(('backlash', 'stem'), values, [gap], 1),
+                               play(values, gap), atol=1e-12)
+
+
+@given(st.lists(number, min_size=1, max_size=40), above, st.floats(0.02, 1.0))
+def test_hysteresis_is_play_on_the_part_that_is_bound(values, width, slope):
+    v = np.array(values)
+    expected = (1 - slope) * v + play(slope * v, width)
+    np.testing.assert_allclose(remember(('hysteresis', 'command'), v, [width, slope], 2),
+                               expected, atol=1e-12)
+
+
+@given(st.lists(number, min_size=2, max_size=30), st.integers(1, 5))
+def test_hysteresis_does_not_know_time(values, times):
+    """Values visited slowly, in many small steps, leave the same loop."""
+    slow = np.interp(np.arange((len(values) - 1) * times + 1) / times, np.arange(len(values)),
+                     values)
+    key, parameters = ('hysteresis', 'command'), [1.0, 0.7]
+    start = remember(key, np.array(values), parameters, 2)
+    again = remember(key, np.concatenate([values[:1], slow[1:]]), parameters, 2)
+    np.testing.assert_allclose(again[::times], start, atol=1e-12)
+
+
+def rub(free, compliance, parameters, z=0.0, h=5e-4):
+    """Friction at the end of a step: its force and the bending of the bristles."""
+    z_next = np.array([z])
+    force = -law(('friction', 'force'))(0.0, np.array([free, 0.0]), np.array(parameters),
+                                        np.array([z]), h, compliance, z_next)
+    return force, z_next[0]
+
+
+coulomb_and_stribeck = st.tuples(above, st.floats(0.0, 10.0), above, st.just(INF))
+bristles = st.tuples(above, st.floats(0.0, 10.0), above, st.floats(1.0, 1e7))
+
+
+@given(number, above, coulomb_and_stribeck)
+def test_friction_takes_energy_or_holds_still(free, compliance, parameters):
+    force, _ = rub(free, compliance, parameters)
+    velocity = free - compliance * force
+    assert force * velocity >= -1e-9
+    assert abs(force) <= (parameters[0] + parameters[1]) * (1 + 1e-12)
+    if abs(free) < compliance * parameters[0]:
+        assert abs(velocity) < 1e-12
+
+
+@given(number, above, above)
+def test_sliding_friction_is_coulombs(free, compliance, sliding):
+    force, _ = rub(free, compliance, (sliding, 0.0, 1.0, INF))
+    expected = np.sign(free) * min(sliding, abs(free) / compliance)
+    assert force == pytest.approx(expected, rel=1e-12)
+
+
+def test_breakaway_is_gone_at_high_speed():
+    parameters = (2.0, 3.0, 0.1, INF)
+    assert rub(10.0, 1e-6, parameters)[0] == pytest.approx(2.0)
+    assert rub(1e-5, 1e-6, parameters)[0] == pytest.approx(5.0, rel=1e-6)
+
+
+@given(number, above, bristles, st.floats(-1.0, 1.0))
+def test_bristles_give_back_no_more_than_they_hold(free, compliance, parameters, share):
+    """Passivity: the work done on friction is at least what the bristles store of it."""
+    sigma, h = parameters[3], 5e-4
+    z = share * parameters[0] / sigma
+    force, z_next = rub(free, compliance, parameters, z, h)
+    work = force * (free - compliance * force) * h
+    stored = 0.5 * sigma * (z_next**2 - z**2)
+    assert work >= stored - 1e-9 * max(1.0, abs(work), abs(stored))
+
+
+@given(number, above, above)
+def test_stiff_bristles_are_coulombs_friction(free, compliance, sliding):
+    stiff, _ = rub(free, compliance, (sliding, 0.0, 1.0, 1e15))
+    rigid, _ = rub(free, compliance, (sliding, 0.0, 1.0, INF))
+    assert stiff == pytest.approx(rigid, rel=1e-6, abs=1e-9)

@@ -1,0 +1,192 @@
+"""Every effect on every plant that takes it: its limits, its energy, and the time stepping."""
+import math
+
+import numpy as np
+import pytest
+from scipy import signal
+
+from hydro_twin.effects import EFFECTS, Placed, sites
+from hydro_twin.fitting.free_run import Candidate, Part
+from hydro_twin.model import place
+from hydro_twin.plants import PLANTS
+from hydro_twin.predictors.system import assemble
+from hydro_twin.residual.screen import spans
+
+INF = math.inf
+NEUTRAL = {   # parameters with which a law changes nothing
+    'friction': (0.0, 0.0, 1.0, INF), 'dead_zone': (0.0, 0.0), 'backlash': (0.0,),
+    'saturation': (-INF, INF), 'rate_limit': (INF,), 'hysteresis': (0.0, 1.0), 'delay': (0.0,),
+    'asymmetry': (0.0,), 'bias': (0.0,), 'orifice': (INF,), 'leakage': (0.0, 0.5),
+    'stiffening': (0.0,), 'ripple': (0.0, 0.0, 9.0), 'gain': (0.0,),
+}
+SITES = [(plant, effect, port) for plant in PLANTS.values() for effect in EFFECTS
+         for port in sites(effect, plant)]
+AMPLITUDES = {'u_m': 0.4, 'theta_d': 0.1, 'force': 100.0}
+
+
+def named(site):
+    plant, effect, port = site
+    return f'{plant.name}-{effect.id}-{port.name}'
+
+
+def values(plant):
+    return plant.constant_values() | {p.name: (p.lower * p.upper) ** 0.5
+                                      for p in plant.parameters}
+
+
+def smooth(plant, samples=600):
+    """Smooth random inputs that begin at zero."""
+    rng = np.random.default_rng(0)
+    t = plant.sample_time * np.arange(samples)
+    low = signal.butter(2, 5.0, fs=1 / plant.sample_time, output='sos')
+    return np.column_stack([
+        AMPLITUDES.get(s.name, 1.0) * np.tanh(t / 0.05) * 4
+        * signal.sosfilt(low, rng.standard_normal(samples)) for s in plant.inputs])
+
+
+def run(plant, effects=(), substeps=4, inputs=None):
+    inputs = smooth(plant) if inputs is None else inputs
+    return assemble(plant, values(plant), effects, substeps=substeps).run(
+        inputs, np.zeros(plant.order))
+
+
+def rms(x):
+    return float(np.sqrt(np.mean(x**2)))
+
+
+@pytest.mark.parametrize('site', SITES, ids=named)
+def test_without_strength_it_is_the_linear_model(site):
+    plant, effect, port = site
+    linear = run(plant)
+    found = run(plant, [Placed(effect, port, NEUTRAL[effect.id])])
+    np.testing.assert_allclose(found, linear, rtol=0, atol=1e-9 * np.abs(linear).max())
+
+
+@pytest.mark.parametrize('plant', PLANTS.values(), ids=PLANTS)
+def test_all_together_without_strength_are_the_linear_model(plant):
+    linear = run(plant)
+    every = [Placed(effect, port, NEUTRAL[effect.id]) for p, effect, port in SITES if p is plant]
+    np.testing.assert_allclose(run(plant, every), linear, rtol=0,
+                               atol=1e-9 * np.abs(linear).max())
+
+
+@pytest.mark.parametrize('site', SITES, ids=named)
+def test_halving_the_step_changes_little(site):
+    """From weak to dominant: 4 steps in a sample differ from 8 by 0.1 % of the output (RMS).
+
+    Friction with a force to break away is of first order in the step: by 0.5 %.
+    """
+    plant, effect, port = site
+    inputs = smooth(plant)
+    linear = Candidate(plant, values(plant), plant.sample_time)
+    part = Part(inputs, linear.system.run(inputs, np.zeros(plant.order)))
+    span = spans(linear, [part])[port]
+    strengths = [tuple(start) for start in effect.starts(span)]
+    if effect.refined is not None:
+        strengths += [tuple(r) for s in strengths[:4] for r in effect.refined(span, s)]
+    if effect.id == 'ripple':               # three periods, however little the motor turns
+        strengths = [(0.1 * span.value, 0.2 * span.value, 6 * np.pi / span.travel['position'])]
+    largest = 0.0
+    for strength in strengths[::max(1, len(strengths) // 12)]:
+        placed = [Placed(effect, port, strength)]
+        coarse, fine = run(plant, placed, 4, inputs), run(plant, placed, 8, inputs)
+        assert np.isfinite(fine).all()
+        tolerance = 5e-3 if effect.implicit else 1e-3
+        assert rms(coarse - fine) < tolerance * rms(fine)
+        largest = max(largest, rms(fine - part.measured) / rms(part.measured))
+    assert largest > 1e-3, 'no strength moved the output'
+
+
+def pushed(force, samples=1500, substeps=4, **parameters):
+    """A mass under a force over time, with friction; position and velocity."""
+    plant = PLANTS['positioning']
+    system = assemble(plant, {'M': 10.0, 'F_v': 5.0},
+                      [place('friction', 'motor', parameters, plant)], 0.001, substeps)
+    seen = np.empty((samples, len(plant.ports) + 2))
+    x = system.run(force(0.001 * np.arange(samples))[:, None], np.zeros(2), seen)
+    return x, seen[:, -2]
+
+
+@pytest.mark.parametrize('parameters', [{'coulomb': 8.0}, {'coulomb': 5.0, 'stribeck': 3.0,
+                                                          'stribeck_velocity': 0.01}])
+def test_below_its_force_friction_holds_without_chatter(parameters):
+    x, v = pushed(lambda t: 7.9 * np.sin(2 * np.pi * 3 * t), **parameters)
+    assert np.abs(v).max() < 1e-12
+    assert np.abs(x).max() < 1e-12
+
+
+def test_friction_sticks_at_each_turn_and_slides_between():
+    _, v = pushed(lambda t: 12.0 * np.sin(2 * np.pi * 1 * t), coulomb=8.0)
+    still = np.abs(v) < 1e-12
+    # While the force is between -8 and 8, 46 % of a period, less the time in which it slides out.
+    assert 0.1 < still[500:].mean() < 0.46
+    assert np.count_nonzero(np.diff(still.astype(int))) < 10
+
+
+@pytest.mark.parametrize('parameters', [
+    {'coulomb': 8.0}, {'coulomb': 5.0, 'stribeck': 3.0, 'stribeck_velocity': 0.01},
+    {'coulomb': 8.0, 'bristle_stiffness': 1e5}])
+def test_friction_takes_energy_over_every_cycle(parameters):
+    """What the drive puts in over a period goes into viscous and dry friction; dry takes some."""
+    force = 20.0
+    x, v = pushed(lambda t: force * np.sin(2 * np.pi * 2 * t), 4000, 16, **parameters)
+    t = 0.001 * np.arange(4000)
+    cycle = slice(3000, 3500)
+    # The force is held between samples: its work is that on the way to the next sample.
+    work = np.sum((force * np.sin(2 * np.pi * 2 * t))[cycle] * np.diff(x)[cycle])
+    viscous = np.sum(5.0 * v[cycle] ** 2) * 0.001
+    travel = np.sum(np.abs(np.diff(x)[cycle]))
+    dry = work - viscous
+    assert dry > 0.9 * parameters['coulomb'] * travel
+    assert dry < 1.02 * (parameters['coulomb'] + parameters.get('stribeck', 0.0)) * travel
+
+
+def test_a_delay_of_whole_samples_shifts_the_output():
+    plant = PLANTS['cylinder']
+    on_time = run(plant)
+    late = run(plant, [place('delay', 'command', {'time': 7 * plant.sample_time}, plant)])
+    np.testing.assert_allclose(late[7:], on_time[:-7], rtol=0, atol=1e-12 * np.abs(late).max())
+
+
+def test_a_delay_of_part_of_a_sample():
+    """Against scipy at an eighth of the sample time.
+
+    A command that changes within a step counts by its mean there, which is of second order.
+    """
+    plant = PLANTS['valve_servo']
+    laws = plant.laws(values(plant))
+    inputs = smooth(plant)
+    fine = np.concatenate([np.full(13, inputs[0, 0]), np.repeat(inputs[:, 0], 8)[:-13]])
+    discrete = signal.cont2discrete((laws.A, laws.B, laws.C, laws.D), plant.sample_time / 8)
+    expected = signal.dlsim(discrete, fine)[1][::8, 0]
+
+    def off(samples):
+        time = samples * plant.sample_time
+        found = run(plant, [place('delay', 'command', {'time': time}, plant)])
+        return rms(found - expected) / rms(expected)
+
+    assert off(13 / 8) < 3e-4
+    assert off(13 / 8) < 0.03 * min(off(1), off(2))
+
+
+def test_effects_on_one_port_act_one_after_the_other():
+    """A command of 1 V through a dead zone of 0.3 and a limit of 0.5 is one of 0.5."""
+    plant = PLANTS['load_simulator']
+    both = [place('dead_zone', 'command', {'width': 0.3}, plant),
+            place('saturation', 'command', {'lower': -0.5, 'upper': 0.5}, plant)]
+    inputs = np.column_stack([np.ones(300), np.zeros(300)])
+    half = np.column_stack([np.full(300, 0.5), np.zeros(300)])
+    np.testing.assert_allclose(run(plant, both, inputs=inputs), run(plant, inputs=half),
+                               rtol=0, atol=1e-9)
+
+
+def test_an_effect_upstream_is_felt_downstream():
+    """A dead zone of the command at d volts is one of the spool at K_sv d, once it has settled."""
+    plant = PLANTS['load_simulator']
+    gain = values(plant)['K_sv']
+    t = plant.sample_time * np.arange(2000)
+    slow = np.column_stack([0.4 * np.sin(2 * np.pi * 0.25 * t), np.zeros_like(t)])
+    upstream = run(plant, [place('dead_zone', 'command', {'width': 0.1}, plant)], inputs=slow)
+    spool = run(plant, [place('dead_zone', 'spool', {'width': 0.1 * gain}, plant)], inputs=slow)
+    assert rms(upstream - spool) < 0.03 * rms(spool)
+    assert rms(spool - run(plant, inputs=slow)) > 0.1 * rms(spool)
