@@ -1,12 +1,13 @@
 """Fits a model to a recording that comes along, then runs the live twin on that recording."""
 import tempfile
 
-from launch import LaunchDescription
 from launch.actions import ExecuteProcess, IncludeLaunchDescription, RegisterEventHandler
 from launch.event_handlers import OnProcessExit
 from launch.launch_description_sources import PythonLaunchDescriptionSource
 from launch.substitutions import PathJoinSubstitution
 from launch_ros.substitutions import FindPackageShare
+
+from launch import LaunchDescription
 
 RUN = ['ros2', 'run', 'hydro_twin']
 
@@ -28,5 +29,5 @@ def generate_launch_description():
         fit,
         RegisterEventHandler(OnProcessExit(
             target_action=fit,
-            on_exit=lambda event, context: [twin, play] if event.returncode == 0 else [])),
+            on_exit=lambda event, _: [twin, play] if event.returncode == 0 else [])),
     ])
