@@ -359,7 +359,7 @@ class TwinNode(LifecycleNode):
             for status in statuses])
         message.header.stamp = now.to_msg()
         self._diagnostics.publish(message)
-        gc.collect(1)
+        gc.collect()   # quick: all from before the start is frozen
 
     def _tell_info(self, twins: Sequence[Twin]) -> None:
         """Publish what is run, for those who come later too."""
