@@ -1,14 +1,16 @@
 """Compilation of the inner loop, once for each version of the sources, and cached on disk."""
 from __future__ import annotations
 
+from collections.abc import Callable
 import hashlib
 import os
-import tempfile
-from collections.abc import Callable
 from pathlib import Path
+import sys
+import tempfile
 from typing import Any
 
 import numba
+from numba.core import event
 
 PACKAGE = Path(__file__).parent
 
@@ -41,12 +43,31 @@ CACHE = cache_folder()
 numba.config.CACHE_DIR = str(CACHE)  # type: ignore[attr-defined]
 
 
+class _Notice(event.Listener):
+    """Tells a person at a terminal, once, why the first run takes longer."""
+
+    told = False
+
+    def on_start(self, event: event.Event) -> None:  # noqa: ARG002
+        """Speak at the first compilation; what comes from the cache is none."""
+        if not self.told and sys.stderr.isatty():
+            print('compiling, once for this version: about 10 s', file=sys.stderr)
+        self.told = True
+
+    def on_end(self, event: event.Event) -> None:
+        """Say nothing more."""
+
+
+event.register('numba:compile', _Notice())  # type: ignore[no-untyped-call]
+
+
 def compiled(function: Callable[..., Any]) -> Callable[..., Any]:
     """Compile with numba, strictly in IEEE order, so that every caller gets the same digits.
 
     What is compiled works in arrays that it is given and allocates none. That leaves out numba's
     counting of references, which here would cost five times the arithmetic.
     """
-    result: Callable[..., Any] = numba.njit(
-        function, cache=True, nogil=True, error_model='numpy', _nrt=False)
+    options: dict[str, Any] = {'cache': True, 'nogil': True, 'error_model': 'numpy',
+                               '_nrt': False}
+    result: Callable[..., Any] = numba.njit(function, **options)
     return result

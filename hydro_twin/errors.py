@@ -1,4 +1,4 @@
-"""The errors that a user can cause, each one line that says what is wrong and what would be right."""
+"""The errors that a user can cause: each one line, what is wrong and what would be right."""
 
 
 class UserError(Exception):

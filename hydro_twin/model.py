@@ -1,10 +1,10 @@
 """The model file: everything needed to run a model, and to know where it came from."""
 from __future__ import annotations
 
-import math
-import os
 from collections.abc import Mapping
 from dataclasses import dataclass, field
+import math
+import os
 from pathlib import Path
 from typing import Any
 
@@ -12,7 +12,7 @@ import yaml
 
 from hydro_twin.effects import EFFECTS, Placed
 from hydro_twin.errors import ModelError, UserError
-from hydro_twin.plants import Plant, Port, plant_named
+from hydro_twin.plants import Plant, plant_named, Port
 
 FORMAT = 1
 NOT_IDENTIFIABLE = 'not identifiable'
@@ -127,7 +127,8 @@ def place(identifier: str, port_name: str, parameters: Mapping[str, float],
 def document(model: Model) -> dict[str, Any]:
     """Lay a model out as the plain structure of its file."""
     plant = model.plant
-    units = {p.name: p.unit for p in (*plant.parameters, *plant.constants)}
+    units = {p.name: p.unit for p in plant.parameters}
+    units |= {c.name: c.unit for c in plant.constants}
     return {
         'format': FORMAT,
         'plant': plant.name,

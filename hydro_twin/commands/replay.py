@@ -2,6 +2,7 @@
 from __future__ import annotations
 
 import argparse
+from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any, TYPE_CHECKING
@@ -13,6 +14,7 @@ if TYPE_CHECKING:
     from rich.console import Console
 
     from hydro_twin.plants.plant import FloatArray
+    from hydro_twin.predictors import Predictor
     from hydro_twin.recording.series import Recording, Series
 
 TOPIC = '/hydro_twin/{mode}/prediction'     # as the node's ~/NAME/prediction
@@ -24,6 +26,10 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument('--model', type=Path, metavar='MODEL', help='the model file to run')
     parser.add_argument('-o', '--output', type=Path, metavar='OUT',
                         help='a bag to make: the input, and the predictions beside it')
+    parser.add_argument('--picture', type=Path, metavar='PNG',
+                        help='a picture to make: measured against free run, and the errors')
+    parser.add_argument('--beside', action='append', default=[], type=Path, metavar='MODEL',
+                        help='another model in the picture, may be repeated')
     add_config_argument(parser)
     parser.add_argument('--publish', action='store_true',
                         help="play the bag's topics into ROS instead, to drive a live node")
@@ -45,16 +51,20 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
         return {'played': play(args.bag, args.rate, args.loop, args.clock)}
     if args.model is None:
         raise UserError('a --model is needed, or --publish')
-    return _replay(args.bag, args.model, args.output, args.config)
+    if args.beside and args.picture is None:
+        raise UserError('--beside is for a --picture')
+    return _replay(args.bag, args.model, args.output, args.config, args.picture, args.beside)
 
 
-def _replay(bag: Path, model: Path, output: Path | None, config: Path | None) -> dict[str, Any]:
+def _replay(bag: Path, model: Path, output: Path | None, config: Path | None,
+            picture: Path | None, beside: Sequence[Path]) -> dict[str, Any]:
     from hydro_twin.predictors import load, MODES
     from hydro_twin.predictors.scores import fit_percent, persistence, pooled, rms
 
     if output is not None and output.exists():
         raise UserError(f'{output} exists already: it is not overwritten')
     predictor = load(model)
+    others = {path: _alike(load(path), path, predictor) for path in beside}
     plant = predictor.plant
     rig = rig_of(replace(plant, sample_time=predictor.sample_time), config)
     if rig.plant.sample_time != predictor.sample_time:
@@ -80,7 +90,24 @@ def _replay(bag: Path, model: Path, output: Path | None, config: Path | None) ->
     if output is not None:
         _write(bag, output, recording, predictions, rig)
         result['output'] = str(output)
+    if picture is not None:
+        from hydro_twin.report.picture import draw, write_picture
+
+        runs = {str(path): [other.free_run(series) for series in recording.series]
+                for path, other in others.items()}
+        runs[str(model)] = predictions['free_run']
+        write_picture(draw(recording, plant.output, runs), picture)
+        result['picture'] = str(picture)
     return result
+
+
+def _alike(other: Predictor, path: Path, predictor: Predictor) -> Predictor:
+    """Check that two models run on the same samples."""
+    wanted, given = ((p.plant.name, p.sample_time) for p in (predictor, other))
+    if wanted != given:
+        raise UserError(f'{path}: a model of {given[0]} at {given[1]:g} s, not of {wanted[0]} at '
+                        f'{wanted[1]:g} s')
+    return other
 
 
 def _write(bag: Path, output: Path, recording: Recording,
@@ -127,3 +154,5 @@ def show(result: dict[str, Any], console: Console) -> None:
     console.print(table)
     if 'output' in result:
         console.print(f'predictions beside the input in {result["output"]}')
+    if 'picture' in result:
+        console.print(f'measured against predicted in {result["picture"]}')

@@ -4,7 +4,7 @@ from __future__ import annotations
 import importlib
 import pkgutil
 
-from hydro_twin.effects.effect import Effect, EffectParameter, Placed, Span, sites
+from hydro_twin.effects.effect import Effect, EffectParameter, Placed, sites, Span
 
 __all__ = ['EFFECTS', 'Effect', 'EffectParameter', 'Placed', 'Span', 'sites']
 

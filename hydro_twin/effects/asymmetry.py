@@ -7,7 +7,7 @@ from hydro_twin.effects.effect import Effect, EffectParameter, Span, Starts
 
 @compiled
 def law(v, s, p, z, h, c, z_next):  # type: ignore[no-untyped-def]
-    """v (1 + imbalance sign v): the slopes either way are (1 +- imbalance) times the mean."""
+    """Give v (1 + imbalance sign v): the slopes either way are (1 +- imbalance) times the mean."""
     return v + p[0] * abs(v)
 
 

@@ -7,9 +7,10 @@ from hydro_twin.effects.effect import Effect, EffectParameter, Span, Starts
 
 @compiled
 def law(v, s, p, z, h, c, z_next):  # type: ignore[no-untyped-def]
-    """Torque only from the twist beyond the gap: G (twist -+ gap) [Nordin and Gutman 2002, 2.1].
+    """Give torque only from the twist beyond the gap, G (twist -+ gap).
 
-    The value v is proportional to the twist, so the part of it that the gap leaves is known.
+    [Nordin and Gutman 2002, 2.1]. The value v is proportional to the twist, so the part of it
+    that the gap leaves is known.
     """
     gap, twist = p[0], s[0]
     if abs(twist) <= gap:

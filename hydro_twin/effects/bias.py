@@ -7,7 +7,7 @@ from hydro_twin.effects.effect import Effect, EffectParameter, Span, Starts
 
 @compiled
 def law(v, s, p, z, h, c, z_next):  # type: ignore[no-untyped-def]
-    """The value plus a constant."""
+    """Add a constant."""
     return v + p[0]
 
 

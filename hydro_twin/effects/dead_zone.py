@@ -7,7 +7,7 @@ from hydro_twin.effects.effect import Effect, EffectParameter, Span, Starts
 
 @compiled
 def law(v, s, p, z, h, c, z_next):  # type: ignore[no-untyped-def]
-    """Nothing passes within +-width of the centre; beyond, what exceeds it [Merritt 1967, 5.3]."""
+    """Pass nothing within +-width of the centre; beyond, what exceeds it [Merritt 1967, 5.3]."""
     width, centre = p[0], p[1]
     w = v - centre
     return w - min(max(w, -width), width)
@@ -19,7 +19,7 @@ def starts(span: Span) -> Starts:
 
 
 def refined(span: Span, values: tuple[float, ...]) -> Starts:
-    """A zone that is not in the middle."""
+    """Move the zone off the middle."""
     return [(values[0], 0.2 * values[0]), (values[0], -0.2 * values[0])]
 
 

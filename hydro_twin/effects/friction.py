@@ -9,7 +9,7 @@ from hydro_twin.effects.effect import Effect, EffectParameter, Span, Starts
 
 @compiled
 def law(v, s, p, z, h, c, z_next):  # type: ignore[no-untyped-def]
-    """Force with elastic-plastic friction taken off: bristles that bend, then slide.
+    """Take elastic-plastic friction off a force: bristles that bend, then slide.
 
     The bristles bend by z with dz/dt = velocity while sigma z stays below the sliding force
         g(velocity) = F_c + F_s exp(-(velocity / v_s)^2),
@@ -22,14 +22,12 @@ def law(v, s, p, z, h, c, z_next):  # type: ignore[no-untyped-def]
         return v
     # The force that would stop bristle and mass together at the end of the step.
     free = s[0]
-    if math.isinf(sigma):
-        stopping = free / c
-    else:
-        stopping = sigma * (z[0] + h * free) / (1.0 + sigma * h * c)
+    rigid = math.isinf(sigma)
+    stopping = free / c if rigid else sigma * (z[0] + h * free) / (1.0 + sigma * h * c)
     sliding = max(abs(free) - c * F_c, 0.0)
     g = F_c + F_s * math.exp(-(sliding / v_s) ** 2)
     force = min(max(stopping, -g), g)
-    if not math.isinf(sigma):
+    if not rigid:
         z_next[0] = force / sigma
     return v - force
 

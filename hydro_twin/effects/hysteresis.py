@@ -7,7 +7,7 @@ from hydro_twin.effects.effect import Effect, EffectParameter, Span, Starts
 
 @compiled
 def law(v, s, p, z, h, c, z_next):  # type: ignore[no-untyped-def]
-    """Value less a stop operator: what stays bound within +-width [Visintin 1994, III.2].
+    """Take off what a stop operator holds: what stays bound within +-width [Visintin 1994, III.2].
 
     z[0] is what is bound, z[1] the value before. At slope 1 this is the play operator; below,
     part of each small movement passes at once, as with a Bouc-Wen law.

@@ -9,7 +9,7 @@ REFERENCE = 1e6                             # [Pa]
 
 @compiled
 def law(v, s, p, z, h, c, z_next):  # type: ignore[no-untyped-def]
-    """Laminar leakage plus flow sign(p_L) (|p_L| / 1 MPa)^exponent.
+    """Add to the laminar leakage flow sign(p_L) (|p_L| / 1 MPa)^exponent.
 
     Exponent 1/2 is a sharp-edged orifice [Merritt 1967, eq. 3-33]; above 1, a gap that widens
     under pressure.
@@ -20,7 +20,7 @@ def law(v, s, p, z, h, c, z_next):  # type: ignore[no-untyped-def]
 
 
 def starts(span: Span) -> Starts:
-    """A share of the largest laminar leakage, turbulent and widening."""
+    """Begin with a share of the largest laminar leakage, turbulent and widening."""
     pressure = max(span.signals['load_pressure'], 1.0) / REFERENCE
     return [(share * span.value / pressure**exponent, exponent)
             for exponent in (0.5, 2.0, 3.0) for share in (0.1, 0.5)]

@@ -9,7 +9,7 @@ from hydro_twin.effects.effect import Effect, EffectParameter, Span, Starts
 
 @compiled
 def law(v, s, p, z, h, c, z_next):  # type: ignore[no-untyped-def]
-    """K_q x_v sqrt(1 - sign(x_v) p_L / p_s) [Merritt 1967, eq. 5-25]."""
+    """Give K_q x_v sqrt(1 - sign(x_v) p_L / p_s) [Merritt 1967, eq. 5-25]."""
     opening, load_pressure, p_s = s[0], s[1], p[0]
     drop = 1.0 - load_pressure / p_s if opening > 0.0 else 1.0 + load_pressure / p_s
     return v * math.sqrt(drop) if drop > 0.0 else 0.0

@@ -7,7 +7,7 @@ from hydro_twin.effects.effect import Effect, EffectParameter, Span, Starts
 
 @compiled
 def law(v, s, p, z, h, c, z_next):  # type: ignore[no-untyped-def]
-    """Play operator: the output stays unless the input pushes it [Visintin 1994, III.2]."""
+    """Stay unless the input pushes: the play operator [Visintin 1994, III.2]."""
     gap = p[0]
     z_next[0] = min(max(z[0], v - gap), v + gap)
     return z_next[0]

@@ -7,7 +7,7 @@ from hydro_twin.effects.effect import Effect, EffectParameter, Span, Starts
 
 @compiled
 def law(v, s, p, z, h, c, z_next):  # type: ignore[no-untyped-def]
-    """The speed, kept within +-limit."""
+    """Keep the speed within +-limit."""
     return min(max(v, -p[0]), p[0])
 
 

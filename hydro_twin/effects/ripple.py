@@ -9,7 +9,7 @@ from hydro_twin.effects.effect import Effect, EffectParameter, Span, Starts
 
 @compiled
 def law(v, s, p, z, h, c, z_next):  # type: ignore[no-untyped-def]
-    """v + cosine cos(n position) + sine sin(n position), n periods a turn (2 pi)."""
+    """Give v + cosine cos(n position) + sine sin(n position), n periods a turn (2 pi)."""
     angle = p[2] * s[0]
     return v + p[0] * math.cos(angle) + p[1] * math.sin(angle)
 

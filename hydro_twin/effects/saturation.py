@@ -7,7 +7,7 @@ from hydro_twin.effects.effect import Effect, EffectParameter, Span, Starts
 
 @compiled
 def law(v, s, p, z, h, c, z_next):  # type: ignore[no-untyped-def]
-    """The value, kept between lower and upper; d_1 of [L18] is upper at the stem."""
+    """Keep the value between lower and upper; d_1 of [L18] is upper at the stem."""
     return min(max(v, p[0]), p[1])
 
 

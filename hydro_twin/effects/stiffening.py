@@ -7,12 +7,12 @@ from hydro_twin.effects.effect import Effect, EffectParameter, Span, Starts
 
 @compiled
 def law(v, s, p, z, h, c, z_next):  # type: ignore[no-untyped-def]
-    """G twist (1 + k twist^2), the cubic spring of Duffing."""
+    """Give G twist (1 + k twist^2), the cubic spring of Duffing."""
     return v * (1.0 + p[0] * s[0] * s[0])
 
 
 def starts(span: Span) -> Starts:
-    """Stiffness up by a tenth, a half and twice at the largest twist."""
+    """Raise the stiffness by a tenth, a half and twice at the largest twist."""
     return [(rise / max(span.signals['twist'], 1e-12) ** 2,) for rise in (0.1, 0.5, 2.0)]
 
 

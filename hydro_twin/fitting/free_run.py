@@ -1,11 +1,11 @@
 """Fit of a plant with effects to recordings, by the error of its free run."""
 from __future__ import annotations
 
-import math
 from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
 from functools import cached_property
+import math
 
 import numpy as np
 from scipy.linalg import expm
@@ -13,10 +13,10 @@ from scipy.optimize import least_squares
 
 from hydro_twin.effects import Placed
 from hydro_twin.errors import DataError
-from hydro_twin.fitting.identifiability import Identifiability, assess
+from hydro_twin.fitting.identifiability import assess, Identifiability
 from hydro_twin.plants import Plant
 from hydro_twin.plants.plant import FloatArray
-from hydro_twin.predictors.system import System, assemble
+from hydro_twin.predictors.system import assemble, System
 from hydro_twin.recording.series import Recording
 
 START = 50              # samples at the begin of a part that set its state, and are not scored
@@ -339,7 +339,7 @@ class Problem:
                                 for (low, high), start in zip(edges, starts, strict=True)])
 
     def pull(self, coordinates: FloatArray) -> FloatArray:
-        """What the coordinates cost by themselves, (2 d,), to be squared."""
+        """Return what the coordinates cost by themselves, (2 d,), to be squared."""
         outside = np.maximum(np.maximum(coordinates - self.high, self.low - coordinates), 0.0)
         return self.size * np.concatenate([
             WALL * math.sqrt(sum(self.lengths)) * outside,
@@ -361,7 +361,7 @@ class Problem:
 
     def jacobian(self, coordinates: FloatArray) -> FloatArray:
         """Differences of the residual by each coordinate, (N + 2 d, d)."""
-        lower, upper = self.bounds()
+        _, upper = self.bounds()
         step = np.full(len(coordinates), 1e-5)
         step[coordinates + step > upper] *= -1.0
         moved = [coordinates + step[i] * np.eye(len(coordinates))[i]
@@ -400,12 +400,13 @@ class Problem:
                               xtol=1e-8, gtol=1e-12)
         scored = sum(self.lengths)
         pulled = found.fun[scored:]
-        return Fit(self.candidate(found.x), self.unknowns, found.fun[:scored],
-                   -found.jac[:scored], self.lengths, float(pulled @ pulled))
+        jacobian = np.asarray(found.jac, dtype=np.float64)
+        return Fit(self.candidate(found.x), self.unknowns, np.asarray(found.fun[:scored]),
+                   -jacobian[:scored], self.lengths, float(pulled @ pulled))
 
 
-def in_parallel(function: Callable[[FloatArray], FloatArray], arguments: Sequence[FloatArray]
-                ) -> list[FloatArray]:
+def in_parallel[T](function: Callable[[T], FloatArray], arguments: Sequence[T]
+                   ) -> list[FloatArray]:
     """Call a function for each argument, on threads: the kernel does not hold Python's lock."""
     with ThreadPoolExecutor(THREADS) as pool:
         return list(pool.map(function, arguments))

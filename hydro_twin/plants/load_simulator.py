@@ -48,8 +48,8 @@ def laws(p: Mapping[str, float]) -> Laws:
     port_d[1, 0] = K_sv / K_p
     port_d[3, 2] = K_q
     port_d[7, 6] = 1.0
-    #          opening, load_pressure at flow; load_pressure at leakage; velocity, position at motor;
-    #          twist at coupling
+    # opening, load_pressure at flow; load_pressure at leakage; velocity, position at motor;
+    # twist at coupling
     signal_x = np.array([
         [1.0, 0.0, 0.0, 0.0],
         [0.0, 1.0, 0.0, 0.0],

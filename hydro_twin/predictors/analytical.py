@@ -10,7 +10,7 @@ from hydro_twin.plants import Plant
 from hydro_twin.plants.difference_equation import bilinear
 from hydro_twin.plants.plant import FloatArray
 from hydro_twin.predictors import kernel
-from hydro_twin.predictors.system import System, assemble
+from hydro_twin.predictors.system import assemble, System
 from hydro_twin.recording.series import Series
 
 HISTORY = 256                               # samples of inputs a live run keeps
@@ -93,10 +93,10 @@ class FreeRun:
         self.inputs[self.k] = inputs
         if self.k == 0:
             self.x[:] = s.start(inputs, _first(measured))
-            y = kernel.output(s.O, s.table, s.active, s.p, s.shift, self.x, self.z, self.work, self.inputs,
-                              0)
+            y = kernel.output(s.H, s.table, s.active, s.p, s.shift, self.x, self.z, self.work,
+                              self.inputs, 0)
         else:
-            y = kernel.advance(s.M, s.O, s.table, s.active, s.p, s.shift, s.held, s.substeps,
+            y = kernel.advance(s.M, s.H, s.table, s.active, s.p, s.shift, s.held, s.substeps,
                                s.sample_time, self.x, self.z, self.work, self.inputs, self.k)
         return y if abs(y) < kernel.LIMIT else math.nan
 

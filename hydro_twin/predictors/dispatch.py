@@ -5,11 +5,11 @@ for each effect found, into the folder of compiled code. Adding an effect is add
 """
 from __future__ import annotations
 
+from collections.abc import Callable
 import importlib.util
 import os
-import sys
-from collections.abc import Callable
 from pathlib import Path
+import sys
 from typing import Any
 
 from hydro_twin.compiled import CACHE
@@ -38,7 +38,8 @@ def load() -> Callable[..., Any]:
         part.write_text(source())
         Path.replace(part, path)
     spec = importlib.util.spec_from_file_location(NAME, path)
-    assert spec is not None and spec.loader is not None
+    assert spec is not None
+    assert spec.loader is not None
     module = importlib.util.module_from_spec(spec)
     sys.modules[NAME] = module
     spec.loader.exec_module(module)

@@ -9,7 +9,7 @@ The memory z is that of the effects, then for each effect what an implicit one a
 
 Everything a step needs is in a few plain arrays, see `System` in system.py:
     M (n, n + 2m + 2P): x, inputs at begin and end, what effects add at begin and end -> next x
-    O (P + S, n + m + P): x, inputs, what effects add -> values of the ports, then their signals
+    H (P + S, n + m + P): x, inputs, what effects add -> values of the ports, then their signals
     table (K, 9): for each effect its code, port, two signal rows (-1: none), where its parameters
         and its memory begin and end, and whether it is implicit
     active (Q,): the ports with effects that are not implicit
@@ -42,7 +42,7 @@ def input_between(inputs, j, held, k, begin, end):  # type: ignore[no-untyped-de
 
 @compiled
 def floor(time):  # type: ignore[no-untyped-def]
-    """The largest whole number not above."""
+    """Return the largest whole number not above."""
     whole = int(time)
     return whole - 1 if whole > time else whole
 
@@ -58,22 +58,22 @@ def interpolated(inputs, j, k, time):  # type: ignore[no-untyped-def]
 
 
 @compiled
-def observe(O, row, x, u, d, active):  # type: ignore[no-untyped-def]
-    """One row of O: the value of a port, or a signal."""
+def observe(H, row, x, u, d, active):  # type: ignore[no-untyped-def]
+    """One row of H: the value of a port, or a signal."""
     n, m = len(x), len(u)
     value = 0.0
     for i in range(n):
-        value += O[row, i] * x[i]
+        value += H[row, i] * x[i]
     for i in range(m):
-        value += O[row, n + i] * u[i]
+        value += H[row, n + i] * u[i]
     for i in active:
-        value += O[row, n + m + i] * d[i]
+        value += H[row, n + m + i] * d[i]
     return value
 
 
 @compiled
-def add_effects(O, table, active, p, x, u, z, h, s, z_next, d):  # type: ignore[no-untyped-def]
-    """What the explicit effects add to the value of each port, into d; along the table's order."""
+def add_effects(H, table, active, p, x, u, z, h, s, z_next, d):  # type: ignore[no-untyped-def]
+    """Write into d what the explicit effects add to each port, in the order of the table."""
     for i in active:
         d[i] = 0.0
     for i in range(len(z)):
@@ -82,11 +82,11 @@ def add_effects(O, table, active, p, x, u, z, h, s, z_next, d):  # type: ignore[
         if table[e, IMPLICIT]:
             continue
         port = table[e, PORT]
-        before = observe(O, port, x, u, d, active) + d[port]
+        before = observe(H, port, x, u, d, active) + d[port]
         if table[e, SIGNAL_0] >= 0:
-            s[0] = observe(O, table[e, SIGNAL_0], x, u, d, active)
+            s[0] = observe(H, table[e, SIGNAL_0], x, u, d, active)
         if table[e, SIGNAL_1] >= 0:
-            s[1] = observe(O, table[e, SIGNAL_1], x, u, d, active)
+            s[1] = observe(H, table[e, SIGNAL_1], x, u, d, active)
         after = apply(table[e, CODE], before, s, p[table[e, P_BEGIN]:table[e, P_END]],
                       z[table[e, Z_BEGIN]:table[e, Z_END]], h, 0.0,
                       z_next[table[e, Z_BEGIN]:table[e, Z_END]])
@@ -94,15 +94,14 @@ def add_effects(O, table, active, p, x, u, z, h, s, z_next, d):  # type: ignore[
 
 
 @compiled
-def advance(M, O, table, active, p, shift, held, substeps, sample_time, x, z, work, inputs, k):  # type: ignore[no-untyped-def]
+def advance(M, H, table, active, p, shift, held, substeps, sample_time, x, z, work, inputs, k):  # type: ignore[no-untyped-def]
     """Step x and z in place from sample k-1 to sample k of the inputs; returns the output at k.
 
-    Args:
-        shift: how late each input acts [samples], at least -1.
-        work: (8, >= largest of n, m, P, memory) scratch.
+    shift is how late each input acts [samples], at least -1; work is scratch, eight rows of the
+    largest of n, m, P and the length of z.
     """
     n, m = len(x), len(shift)
-    P = O.shape[1] - n - m
+    P = H.shape[1] - n - m
     begin, end, linear, ahead = work[0, :m], work[1, :m], work[2, :n], work[3, :n]
     d0, d1, z_next, s = work[4, :P], work[5, :P], work[6, :len(z)], work[7]
     h = sample_time / substeps
@@ -128,7 +127,7 @@ def advance(M, O, table, active, p, shift, held, substeps, sample_time, x, z, wo
             linear[i] = value
         if len(table) > 0:
             at = n + 2 * m
-            add_effects(O, table, active, p, x, begin, z, 0.0, s, z_next, d0)
+            add_effects(H, table, active, p, x, begin, z, 0.0, s, z_next, d0)
             for i in range(n):
                 value = linear[i]
                 for j in active:
@@ -138,7 +137,7 @@ def advance(M, O, table, active, p, shift, held, substeps, sample_time, x, z, wo
                         j = table[e, PORT]
                         value += (M[i, at + j] + M[i, at + P + j]) * z[kept + e]
                 ahead[i] = value
-            add_effects(O, table, active, p, ahead, end, z, h, s, z_next, d1)
+            add_effects(H, table, active, p, ahead, end, z, h, s, z_next, d1)
             for i in range(n):
                 for j in active:
                     linear[i] += M[i, at + j] * d0[j] + M[i, at + P + j] * d1[j]
@@ -148,9 +147,9 @@ def advance(M, O, table, active, p, shift, held, substeps, sample_time, x, z, wo
                 port = table[e, PORT]
                 compliance = 0.0
                 for i in range(n):
-                    compliance += O[table[e, SIGNAL_0], i] * (
+                    compliance += H[table[e, SIGNAL_0], i] * (
                         M[i, at + port] + M[i, at + P + port])
-                s[0] = observe(O, table[e, SIGNAL_0], linear, end, d1, active)
+                s[0] = observe(H, table[e, SIGNAL_0], linear, end, d1, active)
                 added = apply(table[e, CODE], 0.0, s, p[table[e, P_BEGIN]:table[e, P_END]],
                               z[table[e, Z_BEGIN]:table[e, Z_END]], h, compliance,
                               z_next[table[e, Z_BEGIN]:table[e, Z_END]])
@@ -161,26 +160,26 @@ def advance(M, O, table, active, p, shift, held, substeps, sample_time, x, z, wo
                 z[i] = z_next[i]
         for i in range(n):
             x[i] = linear[i]
-    return output(O, table, active, p, shift, x, z, work, inputs, k)
+    return output(H, table, active, p, shift, x, z, work, inputs, k)
 
 
 @compiled
-def output(O, table, active, p, shift, x, z, work, inputs, k):  # type: ignore[no-untyped-def]
-    """The value of the last port at sample k; leaves inputs in work[1], what effects add in [5]."""
+def output(H, table, active, p, shift, x, z, work, inputs, k):  # type: ignore[no-untyped-def]
+    """Return the last port at sample k; leaves inputs in work[1], what effects add in work[5]."""
     m = len(shift)
-    P = O.shape[1] - len(x) - m
+    P = H.shape[1] - len(x) - m
     u, d = work[1, :m], work[5, :P]
     for j in range(m):
         u[j] = inputs[k, j]
         if shift[j] > 0.0:
             u[j] = interpolated(inputs, j, k, 1.0 - shift[j])
     if len(active) > 0:
-        add_effects(O, table, active, p, x, u, z, 0.0, work[7], work[6, :len(z)], d)
-    return observe(O, P - 1, x, u, d, active) + d[P - 1]
+        add_effects(H, table, active, p, x, u, z, 0.0, work[7], work[6, :len(z)], d)
+    return observe(H, P - 1, x, u, d, active) + d[P - 1]
 
 
 @compiled
-def run(M, O, table, active, p, shift, held, substeps, sample_time, x, z, work, inputs, y, seen):  # type: ignore[no-untyped-def]
+def run(M, H, table, active, p, shift, held, substeps, sample_time, x, z, work, inputs, y, seen):  # type: ignore[no-untyped-def]
     """Fill y with the output at each sample of the inputs (N, m), from state x and memory z.
 
     Where `seen` (N, P + S) is not empty it gets the values of ports and signals. A run that
@@ -188,17 +187,17 @@ def run(M, O, table, active, p, shift, held, substeps, sample_time, x, z, work, 
     """
     for k in range(len(inputs)):
         if k == 0:
-            y[k] = output(O, table, active, p, shift, x, z, work, inputs, k)
+            y[k] = output(H, table, active, p, shift, x, z, work, inputs, k)
         else:
-            y[k] = advance(M, O, table, active, p, shift, held, substeps, sample_time, x, z, work,
+            y[k] = advance(M, H, table, active, p, shift, held, substeps, sample_time, x, z, work,
                            inputs, k)
         if not abs(y[k]) < LIMIT:
             y[k:] = float('nan')
             return
         if len(seen) > 0:
-            u, d = work[1, :len(shift)], work[5, :O.shape[1] - len(x) - len(shift)]
-            for row in range(len(O)):
-                seen[k, row] = observe(O, row, x, u, d, active)
+            u, d = work[1, :len(shift)], work[5, :H.shape[1] - len(x) - len(shift)]
+            for row in range(len(H)):
+                seen[k, row] = observe(H, row, x, u, d, active)
                 if row < len(d):
                     seen[k, row] += d[row]
 

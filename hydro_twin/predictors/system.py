@@ -28,7 +28,7 @@ class System:
     plant: Plant
     laws: Laws
     M: FloatArray
-    O: FloatArray
+    H: FloatArray
     table: IntArray
     active: IntArray
     p: FloatArray
@@ -54,13 +54,12 @@ class System:
             ) -> FloatArray:
         """Run freely from state x over inputs (N, m); returns the output (N,).
 
-        Args:
-            seen: (N, ports + signals) to be filled with what passes at the ports, or None.
+        What passes at the ports is written into `seen` (N, ports + signals), if given.
         """
         y = np.empty(len(inputs))
-        kernel.run(self.M, self.O, self.table, self.active, self.p, self.shift, self.held, self.substeps,
-                   self.sample_time, x.copy(), np.zeros(self.memory), self.work(), inputs, y,
-                   np.empty((0, 0)) if seen is None else seen)
+        kernel.run(self.M, self.H, self.table, self.active, self.p, self.shift, self.held,
+                   self.substeps, self.sample_time, x.copy(), np.zeros(self.memory),
+                   self.work(), inputs, y, np.empty((0, 0)) if seen is None else seen)
         return y
 
 
@@ -88,7 +87,10 @@ def assemble(plant: Plant, values: Mapping[str, float], effects: Sequence[Placed
     """Make a system of a plant.
 
     Args:
+        plant: the plant.
         values: parameters and constants by name.
+        effects: on its ports.
+        sample_time: [s]; the plant's own by default.
         shift: how late inputs act [s], by name, besides what a delay among the effects adds.
         substeps: steps in a sample where there are effects; without any, one is exact.
     """
@@ -119,7 +121,7 @@ def assemble(plant: Plant, values: Mapping[str, float], effects: Sequence[Placed
                      if not placed.effect.implicit})
     return System(
         plant=plant, laws=laws, M=discretise(laws, T / steps),
-        O=np.ascontiguousarray(np.vstack([
+        H=np.ascontiguousarray(np.vstack([
             np.hstack([laws.port_x, laws.port_u, laws.port_d]),
             np.hstack([laws.signal_x, laws.signal_u, laws.signal_d])])),
         table=np.array(table, dtype=np.int64).reshape(-1, 9),
@@ -128,6 +130,6 @@ def assemble(plant: Plant, values: Mapping[str, float], effects: Sequence[Placed
 
 
 def _signal_row(plant: Plant, placed: Placed, name: str) -> int:
-    """Find the row of O for a signal at the port of an effect."""
+    """Find the row of H for a signal at the port of an effect."""
     before = sum(len(port.signals) for port in plant.ports[:plant.ports.index(placed.port)])
     return len(plant.ports) + before + list(placed.port.signals).index(name)

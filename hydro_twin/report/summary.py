@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 from scipy import signal
 
-from hydro_twin.fitting.free_run import START, Candidate, Fit, Part, Unknown, get, label, rms
+from hydro_twin.fitting.free_run import Candidate, Fit, get, label, Part, rms, START, Unknown
 from hydro_twin.model import Estimate, FittedEffect, Model
 from hydro_twin.plants.difference_equation import characteristic
 from hydro_twin.plants.plant import FloatArray
@@ -25,7 +25,7 @@ def summarise(trace: Trace, verdict: Verdict) -> dict[str, Any]:
         'plant': trace.plant.name,
         'verdict': verdict.kind,
         'says': sentence(trace, verdict),
-        'effects': [_effect(trace, j, estimates[j.finding.index]) for j in verdict.judged],
+        'effects': [_effect(j, estimates[j.finding.index]) for j in verdict.judged],
         'ambiguous': [list(group) for group in verdict.ambiguous],
         'before': _errors(trace.before.candidate, trace),
         'after': _errors(after.candidate, trace),
@@ -60,8 +60,8 @@ def sentence(trace: Trace, verdict: Verdict) -> str:
     """Say the verdict to a person, in one sentence."""
     unit = trace.plant.output.unit
     if verdict.kind == 'nothing_missing':
-        return (f'Nothing is missing: the linear model leaves {_short(trace.before.error)} {unit}, '
-                f'and no effect earns its place on data it was not fitted to.')
+        return (f'Nothing is missing: the linear model leaves {_short(trace.before.error)} '
+                f'{unit}, and no effect earns its place on data it was not fitted to.')
     if verdict.kind == 'unexplained':
         return (f'Something is left that no known effect explains: {remainder_sentence(trace)}.')
     named = ' and '.join(_named(j) for j in verdict.judged)
@@ -99,7 +99,7 @@ def remainder_sentence(trace: Trace) -> str:
     return 'what is left has memory, but depends on nothing that the plant does'
 
 
-def _effect(trace: Trace, judged: Judged, estimates: dict[str, Any]) -> dict[str, Any]:
+def _effect(judged: Judged, estimates: dict[str, Any]) -> dict[str, Any]:
     return {
         'id': judged.id, 'port': judged.port, 'parameters': estimates,
         'p_value': judged.finding.p_value, 'share_of_residual': judged.finding.share,
@@ -109,7 +109,7 @@ def _effect(trace: Trace, judged: Judged, estimates: dict[str, Any]) -> dict[str
 
 
 def _std_errors(fit: Fit) -> dict[str, float | None]:
-    """Standard errors by label, in the unit of each unknown."""
+    """Return standard errors by label, in the unit of each unknown."""
     known = fit.identifiability().std_error
     errors: dict[str, float | None] = {}
     for unknown in fit.unknowns:
@@ -119,7 +119,7 @@ def _std_errors(fit: Fit) -> dict[str, float | None]:
 
 
 def _unit_step(fit: Fit, unknown: Unknown) -> float:
-    """What a step of one in the coordinate of an unknown means in its unit."""
+    """Say what a step of one in the coordinate of an unknown means in its unit."""
     return abs(get(fit.candidate, unknown)) if unknown.log else unknown.scale
 
 
@@ -152,7 +152,7 @@ def one_step_error(candidate: Candidate, part: Part) -> FloatArray:
     """
     a = characteristic(candidate.system.laws, candidate.sample_time)
     difference = part.measured - candidate.run(part)
-    error: FloatArray = signal.lfilter(np.concatenate([[1.0], a]), 1.0, difference)[START:]
+    error: FloatArray = signal.lfilter(np.concatenate([[1.0], a]), [1.0], difference)[START:]
     return error
 
 

@@ -42,7 +42,7 @@ def autoregression(stretches: Sequence[FloatArray], order: int = 6) -> FloatArra
         (np.array([r[:len(r) - lag] @ r[lag:] for lag in range(order + 1)]) for r in stretches),
         np.zeros(order + 1))
     if correlation[0] <= 0.0:
-        return np.eye(1, order + 1)[0]
+        return np.concatenate([[1.0], np.zeros(order)])
     correlation[0] *= 1.0 + 1e-9
     a = linalg.solve_toeplitz(correlation[:-1], correlation[1:])
     return np.concatenate([[1.0], -a])
@@ -51,7 +51,7 @@ def autoregression(stretches: Sequence[FloatArray], order: int = 6) -> FloatArra
 def whiten(stretches: Sequence[FloatArray], filter_: FloatArray) -> FloatArray:
     """Filter every stretch and join them, without the samples that lack a past."""
     cut = len(filter_) - 1
-    return np.concatenate([signal.lfilter(filter_, 1.0, r)[cut:] for r in stretches])
+    return np.concatenate([signal.lfilter(filter_, [1.0], r)[cut:] for r in stretches])
 
 
 def is_white(stretches: Sequence[FloatArray]) -> bool:

@@ -6,17 +6,16 @@ and correlate with the residual.
 """
 from __future__ import annotations
 
-import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+import math
 
 import numpy as np
 
-from hydro_twin.effects import EFFECTS, Effect, Placed, Span, sites
-from hydro_twin.fitting.free_run import START, Candidate, Fit, Part, in_parallel
+from hydro_twin.effects import Effect, EFFECTS, Placed, sites, Span
+from hydro_twin.fitting.free_run import Candidate, Fit, in_parallel, Part, START
 from hydro_twin.plants import Plant, Port
 from hydro_twin.plants.plant import FloatArray
-
 
 VISIBLE = 50.0          # power of an effect over the noise's, times the samples, that is seen
 
@@ -40,7 +39,7 @@ class Prospect:
 def spans(candidate: Candidate, parts: Sequence[Part]) -> dict[Port, Span]:
     """Find how far each port and signal moves when the candidate runs over the parts."""
     plant = candidate.plant
-    rows = len(candidate.system.O)
+    rows = len(candidate.system.H)
     low, high = np.full(rows, np.inf), np.full(rows, -np.inf)
     for part in parts:
         seen = np.zeros((len(part.inputs), rows))

@@ -6,9 +6,9 @@ count as so many independent samples.
 """
 from __future__ import annotations
 
-import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+import math
 
 import numpy as np
 from scipy import stats
@@ -16,18 +16,18 @@ from scipy import stats
 from hydro_twin.effects import Placed
 from hydro_twin.fitting.free_run import (
     Candidate,
+    effect_unknowns,
     Fit,
     Part,
-    Problem,
-    effect_unknowns,
     plant_unknowns,
+    Problem,
     rms,
     timing_unknowns,
     usual,
 )
 from hydro_twin.plants.plant import FloatArray
 from hydro_twin.residual.noise import autoregression, whiten
-from hydro_twin.residual.screen import Prospect, places, screen, spans
+from hydro_twin.residual.screen import places, Prospect, screen, spans
 
 AGAIN = 5               # effects, the best by their score, that start from two places
 KEPT = 4                # effects searched to the end

@@ -8,11 +8,12 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from itertools import pairwise
 
 import numpy as np
 from scipy import signal, stats
 
-from hydro_twin.fitting.free_run import START, Candidate, Fit, Part
+from hydro_twin.fitting.free_run import Candidate, Fit, Part, START
 from hydro_twin.plants.difference_equation import DifferenceEquation, from_state_space
 from hydro_twin.plants.plant import FloatArray
 from hydro_twin.predictors.system import discretise
@@ -145,9 +146,9 @@ def explained(columns: FloatArray, residual: FloatArray, basis: FloatArray
 
 
 def _gains(scores: FloatArray, residual: FloatArray, count: int, ridge: float) -> FloatArray:
-    """What each of `count` blocks loses of its power by what the other folds foretell."""
+    """Return what each of `count` blocks loses of its power by what the other folds foretell."""
     edges = np.linspace(0, len(residual), count + 1).astype(int)
-    blocks = [slice(a, b) for a, b in zip(edges[:-1], edges[1:], strict=True)]
+    blocks = [slice(a, b) for a, b in pairwise(edges)]
     grams = np.array([scores[b].T @ scores[b] for b in blocks])
     crosses = np.array([scores[b].T @ residual[b] for b in blocks])
     gains = np.empty(count)
@@ -177,7 +178,7 @@ def _observe(candidate: Candidate, parts: Sequence[Part]) -> list[FloatArray]:
     """Run over parts and return what passes at ports and signals."""
     all_seen = []
     for part in parts:
-        seen = np.zeros((len(part.inputs), len(candidate.system.O)))
+        seen = np.zeros((len(part.inputs), len(candidate.system.H)))
         candidate.run(part, seen)
         all_seen.append(np.nan_to_num(seen))
     return all_seen

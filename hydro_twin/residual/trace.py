@@ -6,18 +6,18 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from hydro_twin.fitting.free_run import Candidate, Fit, Part, fit_linear, parts_of, rms
+from hydro_twin.fitting.free_run import Candidate, Fit, fit_linear, Part, parts_of, rms
 from hydro_twin.model import Model
 from hydro_twin.plants import Plant
 from hydro_twin.recording.series import Recording
 from hydro_twin.residual.excerpt import excerpt
-from hydro_twin.residual.noise import Line, is_white, lines, noise_floor
+from hydro_twin.residual.noise import is_white, Line, lines, noise_floor
 from hydro_twin.residual.proof import Improvement, improvement
 from hydro_twin.residual.screen import Hidden, hidden
 from hydro_twin.residual.select import (
     CLEARLY,
-    Contender,
     contend,
+    Contender,
     criterion,
     gain_p_value,
     search,
