@@ -2,24 +2,32 @@
 UV := $(or $(shell command -v uv 2>/dev/null),.uv/bin/uv)
 RUN := $(UV) run
 DEV := $(RUN) --group dev
-BAG := bags/load_simulator_linear
+BAG := bags/rig_a
 
-.PHONY: demo test bags
+.PHONY: demo test bags picture
 
+# Fits the linear model to a recording, finds what it lacks, and compares the two.
 demo: $(UV)
-	mkdir -p out
-	$(RUN) hydro-twin refit $(BAG) --plant load_simulator -o out/model.yaml
-	$(RUN) hydro-twin replay $(BAG) --model out/model.yaml
+	@echo 'The first run sets up .venv (a minute or less) and compiles (about 10 s).' >&2
+	@mkdir -p out
+	$(RUN) hydro-twin refit $(BAG) --plant load_simulator -o out/linear.yaml
+	$(RUN) hydro-twin trace $(BAG) --plant load_simulator -o out
+	$(RUN) hydro-twin replay $(BAG) --model out/model.yaml --beside out/linear.yaml \
+		--picture out/picture.png
 
 # With CI set, the slow tests too.
 test: $(UV)
 	$(DEV) ruff check
 	$(DEV) mypy
-	$(DEV) pytest $(if $(CI),-m 'slow or not slow')
+	$(DEV) pytest -n 2 --dist loadfile $(if $(CI),-m 'slow or not slow')
 
 # Remake the sample recordings, to the byte.
 bags: $(UV)
 	$(RUN) bags/make.sh
+
+# Remake the picture of the README.
+picture: demo
+	cp out/picture.png docs/img/before_after.png
 
 .uv/bin/uv:
 	python3 -m venv .uv

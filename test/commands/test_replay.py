@@ -165,3 +165,28 @@ def test_a_model_of_another_plant_finds_no_topic(bag, tmp_path, capsys):
     assert status == 2
     assert '/cylinder/command' in err
     assert '/load_simulator/joint_states' in err     # and says what there is
+
+
+def test_a_picture_of_two_models(bag, model, tmp_path, capsys):
+    status, result, _ = replay(capsys, bag, '--model', model, '--beside', model,
+                               '--picture', tmp_path / 'picture.png')
+    assert (status, result['picture']) == (0, str(tmp_path / 'picture.png'))
+    assert (tmp_path / 'picture.png').read_bytes().startswith(b'\x89PNG')
+
+
+def test_a_picture_of_two_plants_is_refused(bag, model, tmp_path, capsys):
+    other = PLANTS['positioning']
+    write_model(Model(other, {p.name: Estimate((p.lower * p.upper) ** 0.5)
+                              for p in other.parameters}, other.constant_values(), 0.002),
+                tmp_path / 'other.yaml')
+    status, _, err = replay(capsys, bag, '--model', model, '--beside', tmp_path / 'other.yaml',
+                            '--picture', tmp_path / 'picture.png')
+    assert status == 2
+    assert 'other.yaml: a model of positioning' in err
+    assert err.count('\n') == 1
+    assert not (tmp_path / 'picture.png').exists()
+
+
+def test_another_model_needs_a_picture(bag, model, capsys):
+    status, _, err = replay(capsys, bag, '--model', model, '--beside', model)
+    assert (status, err) == (2, 'hydro-twin replay: --beside is for a --picture\n')

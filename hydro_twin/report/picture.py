@@ -1,0 +1,57 @@
+"""A picture of what was measured against what models predict, with their errors."""
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+import os
+from pathlib import Path
+
+from matplotlib.figure import Figure
+import numpy as np
+
+from hydro_twin.plants.plant import FloatArray, Signal
+from hydro_twin.predictors.scores import pooled, rms
+from hydro_twin.recording.series import Recording
+
+SHOWN = 1000                                              # samples, of the first series
+COLOURS = ('#d95f02', '#1b9e77', '#7570b3', '#e7298a')    # told apart by the colour-blind too
+
+
+def draw(recording: Recording, output: Signal, runs: Mapping[str, Sequence[FloatArray]]) -> Figure:
+    """Draw how a recording begins: above the output, below the errors.
+
+    Args:
+        recording: what was measured.
+        output: the signal that is predicted.
+        runs: name of a model -> its free run over every series, in the output's unit.
+
+    Returns:
+        The figure; its legend has the RMS errors over the whole recording.
+    """
+    measured = recording.series[0][output.name][:SHOWN]
+    time = recording.series[0].sample_time * np.arange(len(measured))
+    figure = Figure(figsize=(9, 5), layout='constrained')
+    above, below = figure.subplots(2, 1, sharex=True, height_ratios=(3, 2))
+    above.plot(time, measured, color='black', linewidth=2.5, label='measured')
+    for k, (name, run) in enumerate(runs.items()):
+        predicted, colour = run[0][:SHOWN], COLOURS[k % len(COLOURS)]
+        error, _ = pooled(recording, output.name, run, 0)
+        above.plot(time, predicted, color=colour, linewidth=1.2, label=f'{name}, free run')
+        below.plot(time, measured - predicted, color=colour, linewidth=1,
+                   label=f'{name}: {rms(error):.3g} {output.unit} RMS')
+    above.set_ylabel(f'{output.meaning} [{output.unit}]')
+    below.set(xlabel='time [s]', ylabel=f'measured - predicted [{output.unit}]')
+    for axes in (above, below):
+        axes.margins(x=0)
+        axes.grid(alpha=0.3)
+        axes.legend(loc='lower left', bbox_to_anchor=(0, 1), ncols=1 + len(runs), frameon=False)
+    return figure
+
+
+def write_picture(figure: Figure, path: Path) -> None:
+    """Write a figure as PNG, whole or not at all; the same figure gives the same bytes."""
+    part = path.with_name(f'.{path.name}.{os.getpid()}')
+    try:
+        figure.savefig(part, format='png', dpi=90, metadata={'Software': None})
+        part.replace(path)
+    finally:
+        part.unlink(missing_ok=True)
