@@ -1,0 +1,51 @@
+"""The interval of an improvement, on residuals whose true improvement is known."""
+import numpy as np
+import pytest
+from scipy.signal import lfilter
+
+from hydro_twin.residual.proof import improvement
+
+
+def pair(seed, after, memory=0.6, n=1000):
+    """Residuals of three stretches; the true improvement is 1 - after^2 / 2."""
+    rng = np.random.default_rng(seed)
+
+    def draw():
+        return [lfilter([np.sqrt(1 - memory**2)], [1, -memory], rng.standard_normal(n))
+                for _ in range(3)]
+
+    common, lacking = draw(), draw()
+    before = [a + b for a, b in zip(common, lacking, strict=True)]
+    return before, [after * a for a in common]
+
+
+@pytest.mark.parametrize('after', [0.3, 1.0, 1.35])
+def test_the_interval_covers_the_truth(after):
+    truth = 1 - after**2 / 2
+    found = [improvement(*pair(seed, after), seed) for seed in range(150)]
+    covered = np.mean([one.low <= truth <= one.high for one in found])
+    assert covered > 0.93                   # 98 % by design, less what few blocks cost
+    assert np.mean([one.relative for one in found]) == pytest.approx(truth, abs=0.02)
+    assert all(one.low <= one.relative <= one.high for one in found)
+
+
+def test_another_draw_of_the_same_noise_is_no_improvement():
+    rng = np.random.default_rng(0)
+    false = sum(improvement([rng.standard_normal(1000)], [rng.standard_normal(1000)], seed).low > 0
+                for seed in range(200))
+    assert false <= 8                       # 1 % by design
+
+
+def test_nothing_changed_is_zero():
+    before, _ = pair(3, 1.0)
+    same = improvement(before, before, 0)
+    assert (same.relative, same.low, same.high) == (0.0, 0.0, 0.0)
+
+
+def test_units_do_not_matter_and_seeds_hardly():
+    before, after = pair(4, 0.8)
+    one = improvement(before, after, 0)
+    scaled = improvement([1e3 * r for r in before], [1e3 * r for r in after], 0)
+    assert scaled.low == pytest.approx(one.low)
+    assert improvement(before, after, 1).low == pytest.approx(one.low, abs=0.02)
+    assert improvement(before, after, 0) == one

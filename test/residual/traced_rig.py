@@ -1,0 +1,48 @@
+"""A small load simulator with known effects, recorded by the independent integrator."""
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from hydro_twin.fitting.free_run import fit_linear, parts_of
+from hydro_twin.model import place
+from hydro_twin.plants import PLANTS
+from hydro_twin.recording.series import Recording, split_thirds
+from hydro_twin.simulation.simulate import simulate
+
+PLANT = PLANTS['load_simulator']
+VALUES = PLANT.constant_values() | {p.name: (p.lower * p.upper) ** 0.5 for p in PLANT.parameters}
+
+
+def record(*effects, seed=0, noise=0.5, count=3, duration=3.0, plant=PLANT, amplitude=0.1):
+    """Record series under random multisines; effects as (id, port, parameters)."""
+    rng = np.random.default_rng(seed)
+    placed = [place(*effect, plant) for effect in effects]
+    series = []
+    for index in range(count):
+        f, phase = rng.uniform(0.5, 15.0, 8), rng.uniform(0, 2 * np.pi, 8)
+
+        def gate(t):
+            return -np.expm1(-(t / 0.1) ** 2)
+
+        def command(t, f=f, phase=phase):
+            t = np.floor(t / 0.002 + 1e-6) * 0.002      # on a bus at 500 Hz, whatever the plant's
+            return amplitude * gate(t) * np.sum(np.sin(2 * np.pi * np.outer(t, f) + phase), axis=1)
+
+        def shaft(t):
+            return 0.02 * gate(t) * np.sin(2 * np.pi * 1.3 * t)
+
+        one = simulate(plant, VALUES, placed, {'u_m': command, 'theta_d': shaft}, duration,
+                       start=10_000_000_000 * (index + 1))
+        torque = one['T_g'] + noise * rng.standard_normal(len(one))
+        series.append(replace(one, columns={**one.columns, 'T_g': torque}))
+    return Recording(tuple(series))
+
+
+def fitted(recording):
+    """Fit the linear plant; returns (fit, train, test)."""
+    train, test = split_thirds(recording)
+    parts = parts_of(train, PLANT)
+    fit = fit_linear(PLANT, parts, PLANT.constant_values(), 0.002, 'physical', timing=True)
+    return fit, parts, parts_of(test, PLANT)
