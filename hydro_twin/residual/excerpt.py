@@ -5,7 +5,7 @@ from collections.abc import Sequence
 
 from hydro_twin.fitting.free_run import Part, START
 
-ENOUGH = 12_000         # scored samples
+ENOUGH = 25_000         # scored samples
 STRETCH = 1_500         # samples, with those that only set the state
 
 

@@ -6,11 +6,12 @@ from dataclasses import dataclass
 from hydro_twin.residual.trace import Finding, Trace
 
 CLOSE = 10.0            # distance of the criterion below which the data do not tell rivals apart
-FAR = 30.0              # and from which a rival is no longer near
+FAR = 100.0             # and from which a rival is no longer near
 LEFT = 0.01             # share of what is left, foretold by the ports, that makes a law wrong
 LIKELY = 0.05           # p-value of that
 DRIFTS = 0.02           # share of what is left in a drift from which it is said
-TELLING = 300.0         # power explained over the noise's, below which a law's shape cannot show
+TELLING = 3000.0        # power explained over the noise's, below which a law cannot be told from
+                        # another that is a few per cent off
 ENOUGH = 0.5            # share of what is above the noise that named effects must explain
 
 
