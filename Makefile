@@ -14,6 +14,7 @@ demo: $(UV)
 	$(RUN) hydro-twin trace $(BAG) --plant load_simulator -o out
 	$(RUN) hydro-twin replay $(BAG) --model out/model.yaml --beside out/linear.yaml \
 		--picture out/picture.png
+	@echo "See out/report.html and out/picture.png."
 
 # With CI set, the slow tests too.
 test: $(UV)

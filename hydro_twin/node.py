@@ -310,7 +310,7 @@ class TwinNode(LifecycleNode):
         if 'model' in values or 'mode' in values:
             model = self._chosen[0].path if 'model' not in values else values['model']
             self._worker.do(partial(self._reload, Path(model).expanduser(),
-                                   self.get_parameter('mode').value))
+                                    self.get_parameter('mode').value))
 
     # Off the hot path
 

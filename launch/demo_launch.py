@@ -1,13 +1,12 @@
 """Fits a model to a recording that comes along, then runs the live twin on that recording."""
 import tempfile
 
+from launch import LaunchDescription
 from launch.actions import ExecuteProcess, IncludeLaunchDescription, RegisterEventHandler
 from launch.event_handlers import OnProcessExit
 from launch.launch_description_sources import PythonLaunchDescriptionSource
 from launch.substitutions import PathJoinSubstitution
 from launch_ros.substitutions import FindPackageShare
-
-from launch import LaunchDescription
 
 RUN = ['ros2', 'run', 'hydro_twin']
 

@@ -16,17 +16,9 @@ from typing import Any
 import numpy as np
 import pytest
 
-from hydro_twin.model import Estimate, Model, write_model
-from hydro_twin.plants import plant_named
-from hydro_twin.predictors.predictor import load
-from hydro_twin.recording.read import read_recording
-from hydro_twin.recording.series import Series
-from hydro_twin.recording.signals import load_signals
-from hydro_twin.recording.write import write_recording
-
 rclpy = pytest.importorskip('rclpy')
 
-from diagnostic_msgs.msg import DiagnosticArray  # noqa: E402
+from diagnostic_msgs.msg import DiagnosticArray  # noqa: E402, I100
 from lifecycle_msgs.srv import ChangeState, GetState  # noqa: E402
 from rcl_interfaces.srv import GetParameters, SetParameters  # noqa: E402
 from rclpy.executors import SingleThreadedExecutor  # noqa: E402
@@ -35,6 +27,14 @@ from rclpy.qos import DurabilityPolicy, QoSProfile  # noqa: E402
 from sensor_msgs.msg import JointState  # noqa: E402
 from std_msgs.msg import String  # noqa: E402
 from std_srvs.srv import Trigger  # noqa: E402
+
+from hydro_twin.model import Estimate, Model, write_model  # noqa: E402
+from hydro_twin.plants import plant_named  # noqa: E402
+from hydro_twin.predictors.predictor import load  # noqa: E402
+from hydro_twin.recording.read import read_recording  # noqa: E402
+from hydro_twin.recording.series import Series  # noqa: E402
+from hydro_twin.recording.signals import load_signals  # noqa: E402
+from hydro_twin.recording.write import write_recording  # noqa: E402
 
 pytestmark = [pytest.mark.slow,   # what rclpy imports imports what is out of date
               pytest.mark.filterwarnings("ignore:module 'sre_")]

@@ -10,6 +10,7 @@ from benchmarks.tracing.signals import Generator
 
 # friction, at the motor
 
+
 @law('single', 'friction')
 def coulomb(s: Scales, rng: Generator) -> Fields:
     f = s.torque * share(rng, 0.01, 0.3)

@@ -71,7 +71,7 @@ def on_steps(u: FloatArray, substeps: int, interpolation: str) -> FloatArray:
 
 @njit(cache=True)
 def play(u: FloatArray, half_width: float) -> FloatArray:
-    """Return the output of a play (backlash) operator, started in the middle."""
+    """Pass a signal through backlash, started in its middle."""
     out = np.empty_like(u)
     last = 0.0
     for i, value in enumerate(u):

@@ -202,7 +202,7 @@ def check_device(name: str) -> None:
         raise UserError(f'device {name!r}: torch cannot use it here; try cpu') from error
 
 
-_problem: Problem       # of a worker process
+_problem: Problem | None = None     # of a worker process
 
 
 def _start_worker(problem: Problem) -> None:
@@ -214,4 +214,5 @@ def _start_worker(problem: Problem) -> None:
 
 def _train_one(job: Job) -> Trained:
     """Train one network in a worker."""
+    assert _problem is not None
     return train_batch(_problem, [job])[0]

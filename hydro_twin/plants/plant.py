@@ -170,4 +170,3 @@ class Plant:
                 raise ModelError(
                     f'{p.name} = {parameters[p.name]:g} {p.unit} is outside its physical range '
                     f'{p.minimum:g} to {p.maximum:g}')
-

@@ -94,7 +94,8 @@ def add_effects(H, table, active, p, x, u, z, h, s, z_next, d):  # type: ignore[
 
 
 @compiled
-def advance(M, H, table, active, p, shift, held, substeps, sample_time, x, z, work, inputs, k):  # type: ignore[no-untyped-def]
+def advance(  # type: ignore[no-untyped-def]
+        M, H, table, active, p, shift, held, substeps, sample_time, x, z, work, inputs, k):
     """Step x and z in place from sample k-1 to sample k of the inputs; returns the output at k.
 
     shift is how late each input acts [samples], at least -1; work is scratch, eight rows of the
@@ -179,7 +180,8 @@ def output(H, table, active, p, shift, x, z, work, inputs, k):  # type: ignore[n
 
 
 @compiled
-def run(M, H, table, active, p, shift, held, substeps, sample_time, x, z, work, inputs, y, seen):  # type: ignore[no-untyped-def]
+def run(  # type: ignore[no-untyped-def]
+        M, H, table, active, p, shift, held, substeps, sample_time, x, z, work, inputs, y, seen):
     """Fill y with the output at each sample of the inputs (N, m), from state x and memory z.
 
     Where `seen` (N, P + S) is not empty it gets the values of ports and signals. A run that

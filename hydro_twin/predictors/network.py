@@ -22,7 +22,8 @@ FORMAT = '1'
 
 
 @compiled
-def forward(sizes, weights, shift, scale, output_scale, regressors, layers):  # type: ignore[no-untyped-def]
+def forward(  # type: ignore[no-untyped-def]
+        sizes, weights, shift, scale, output_scale, regressors, layers):
     """Compute the output of one sample, the sums always in the same order.
 
     A matrix product would round a batch otherwise than a single sample; this does not.
@@ -58,7 +59,8 @@ def forward(sizes, weights, shift, scale, output_scale, regressors, layers):  # 
 
 
 @compiled
-def forward_all(sizes, weights, shift, scale, output_scale, regressors, layers, outputs):  # type: ignore[no-untyped-def]
+def forward_all(  # type: ignore[no-untyped-def]
+        sizes, weights, shift, scale, output_scale, regressors, layers, outputs):
     """Compute `forward` for every row of regressors, shape (N, R), into outputs, shape (N,)."""
     for k in range(len(regressors)):
         outputs[k] = forward(sizes, weights, shift, scale, output_scale, regressors[k], layers)

@@ -68,7 +68,8 @@ def stick(seen, table, p, z, h, gain, s, z_next, w):  # type: ignore[no-untyped-
 
 
 @compiled
-def integrate(moves, seen, table, p, h, gain, x, z, inputs, steps, y, work):  # type: ignore[no-untyped-def]
+def integrate(  # type: ignore[no-untyped-def]
+        moves, seen, table, p, h, gain, x, z, inputs, steps, y, work):
     """Move x and z in place over all inputs; y gets the output after every `steps` steps.
 
     Args:

@@ -20,7 +20,7 @@ TRUE = {'V_m': 1.75e-4, 'J': 5.5e-2, 'K_p': 1.75e-2, 'K_q': 1.35, 'G': 1.1e4, 'K
 
 
 def recorded(hertz: float, samples: int, start: int) -> Series:
-    """The five laws with Coulomb friction, integrated by scipy, and a little noise."""
+    """Record the five laws with Coulomb friction, integrated by scipy, and a little noise."""
     laws = LOAD_SIMULATOR.laws(TRUE)
 
     def inputs(time: float) -> np.ndarray:

@@ -40,8 +40,8 @@ def test_finds_what_the_simulation_was_given(bag, tmp_path, capsys):
     # Of the paper's nine only these products can be known, not their factors.
     true = {p.name: (p.lower * p.upper) ** 0.5 for p in PLANTS['load_simulator'].parameters}
     assert values['K_q'] * values['K_sv'] == pytest.approx(true['K_q'] * true['K_sv'], rel=0.01)
-    assert values['V_m'] / values['beta_e'] == pytest.approx(true['V_m'] / true['beta_e'],
-                                                            rel=0.01)
+    assert values['V_m'] / values['beta_e'] == pytest.approx(
+        true['V_m'] / true['beta_e'], rel=0.01)
     for name in ('K_q', 'K_sv', 'V_m', 'beta_e'):
         assert result['parameters'][name]['std_error'] is None
         assert not result['parameters'][name]['identifiable']

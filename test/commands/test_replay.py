@@ -38,7 +38,7 @@ def replay(capsys, *arguments):
 
 
 def columns(path):
-    """The bag by rosbags' own reader: topic -> stamps and values."""
+    """Read the bag by rosbags' own reader: topic -> stamps and values."""
     found = {}
     with AnyReader([path]) as reader:
         for connection, _, raw in reader.messages():

@@ -14,7 +14,7 @@ ROOT = Path(__file__).resolve().parents[2]
 
 @pytest.fixture(scope='module')
 def copy(tmp_path_factory):
-    """A copy of the package with what the page adds; a function that runs code in it."""
+    """Make a copy of the package with what the page adds; a function that runs code in it."""
     folder = tmp_path_factory.mktemp('added')
     for name in ('hydro_twin', 'config'):
         shutil.copytree(ROOT / name, folder / name,

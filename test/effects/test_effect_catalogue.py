@@ -18,7 +18,7 @@ def named(site):
 
 
 def wide(port):
-    """A span in which every signal moves enough to show anything."""
+    """Make a span in which every signal moves enough to show anything."""
     largest = {name: 5e6 if unit == 'Pa' else 3.0 for name, unit in port.signals.items()}
     return Span(2.0, largest, {name: 2 * size for name, size in largest.items()}, 0.002)
 

@@ -114,7 +114,7 @@ def test_stiffening_is_the_slope_of_the_energy_of_a_cubic_spring():
 
 
 def play(values, half_width):
-    """A loose sleeve round a rod: it is pushed at either end, and else stays."""
+    """Move a loose sleeve round a rod: it is pushed at either end, and else stays."""
     sleeve, out = 0.0, []
     for rod in values:
         if rod - sleeve > half_width:

@@ -98,7 +98,7 @@ def test_halving_the_step_changes_little(site):
 
 
 def pushed(force, samples=1500, substeps=4, **parameters):
-    """A mass under a force over time, with friction; position and velocity."""
+    """Run a mass under a force over time, with friction; position and velocity."""
     plant = PLANTS['positioning']
     system = assemble(plant, {'M': 10.0, 'F_v': 5.0},
                       [place('friction', 'motor', parameters, plant)], 0.001, substeps)
@@ -107,8 +107,8 @@ def pushed(force, samples=1500, substeps=4, **parameters):
     return x, seen[:, -2]
 
 
-@pytest.mark.parametrize('parameters', [{'coulomb': 8.0}, {'coulomb': 5.0, 'stribeck': 3.0,
-                                                          'stribeck_velocity': 0.01}])
+@pytest.mark.parametrize('parameters', [
+    {'coulomb': 8.0}, {'coulomb': 5.0, 'stribeck': 3.0, 'stribeck_velocity': 0.01}])
 def test_below_its_force_friction_holds_without_chatter(parameters):
     x, v = pushed(lambda t: 7.9 * np.sin(2 * np.pi * 3 * t), **parameters)
     assert np.abs(v).max() < 1e-12

@@ -28,7 +28,7 @@ SMALL = Settings(hidden=(6, 5), epochs=40)
 
 
 def series(samples: int = 120, seed: int = 0) -> Series:
-    """A stable response with a quadratic term, which no linear model has."""
+    """Make a stable response with a quadratic term, which no linear model has."""
     rng = np.random.default_rng(seed)
     u, theta = rng.normal([[0.3], [0.0]], size=(2, samples))
     y = np.zeros(samples)

@@ -12,7 +12,7 @@ RATE = round(BATCH / DT)
 
 
 def noise(seconds: int, memory: float, rng: np.random.Generator) -> np.ndarray:
-    """Normal noise of RMS 1 that forgets within `memory` seconds."""
+    """Draw normal noise of RMS 1 that forgets within `memory` seconds."""
     a = np.exp(-DT / memory) if memory else 0.0
     white = rng.normal(size=round(seconds / DT)) * np.sqrt(1.0 - a * a)
     return lfilter([1.0], [1.0, -a], white)

@@ -10,7 +10,7 @@ TYPICAL = {name: {p.name: (p.lower * p.upper) ** 0.5 for p in plant.parameters}
 
 
 def load_simulator(v, x, u, d):
-    """The five laws as written, each port's value with what an effect adds to it."""
+    """Write out the five laws, each port's value with what an effect adds to it."""
     x_v, p_L, omega, theta = x
     u_m, theta_d = u
     command = u_m + d[0]                                            # eq. 15

@@ -69,7 +69,7 @@ def recording(plant, samples=700, seed=0):
 
 
 def exact(plant, series):
-    """The linear plant by scipy: held inputs by zoh, the others by foh, added up."""
+    """Solve the linear plant by scipy: held inputs by zoh, the others by foh, added up."""
     laws = plant.laws(values_of(plant) | plant.constant_values())
     # scipy's linear algebra warns of states whose units differ much: bring them to one scale.
     scale = np.diag([1e-5, 1e6, 1.0, 1e-2] if plant.name == 'load_simulator'
@@ -174,7 +174,7 @@ def test_finer_substeps_converge(name):
 
 
 def coast(coulomb, velocity, substeps, samples=2000):
-    """A mass that slides to rest, M v' = -F_v v - F_c."""
+    """Run a mass that slides to rest, M v' = -F_v v - F_c."""
     plant = PLANTS['positioning']
     system = assemble(plant, {'M': 10.0, 'F_v': 5.0},
                       [place('friction', 'motor', {'coulomb': coulomb}, plant)], 0.001, substeps)

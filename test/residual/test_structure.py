@@ -44,7 +44,7 @@ LAWS = {   # law on its port, the ports at which it may be seen, the signal ther
 
 @cache
 def lacking(name):
-    """A rig with one effect, and the linear fit to it."""
+    """Make a rig with one effect, and the linear fit to it."""
     return fitted(record((name, *LAWS[name][0])))
 
 

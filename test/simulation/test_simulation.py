@@ -33,7 +33,7 @@ def by_scipy(flow=lambda opening, p_L: VECTOR['K_q'] * opening,
              leakage=lambda p_L: VECTOR['K_ce'] * p_L,
              coupling=lambda twist: VECTOR['G'] * twist,
              motor=lambda omega, theta: 0.0, duration=0.5):
-    """The five laws of [B19] written out, with laws of one's own, between the samples of u_m."""
+    """Integrate the laws of [B19], with laws of one's own, between the samples of u_m."""
     v = VECTOR
 
     def rates(t, x, u):
@@ -107,8 +107,10 @@ def test_samples_what_the_plant_got():
     (('ripple', 'motor', {'cosine': 3.0, 'sine': 2.0, 'periods': 9.0}), 1e-3),
 ], ids=lambda value: f'{value[0]}@{value[1]}-{len(value[2])}' if isinstance(value, tuple) else '')
 def test_the_predictors_kernel_agrees_within_its_tolerance(effect, tolerance):
-    """RMS, as a share of the output's; of four sub-steps in 2 ms. Most of it is theta_d, which
-    the kernel knows only at the samples."""
+    """RMS, as a share of the output's; of four sub-steps in 2 ms.
+
+    Most of it is theta_d, which the kernel knows only at the samples.
+    """
     series = rig([effect], 1.5)
     placed = place(*effect, RIG)
     model = Model(RIG, {name: Estimate(value) for name, value in VECTOR.items()}, {'D_m': D_M}, T,
