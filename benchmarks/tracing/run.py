@@ -83,8 +83,9 @@ def trace_case(case: Case) -> dict[str, Any]:
         line['true_error'] = true_fit(rig)
     begin = time.perf_counter()
     try:
-        found = trace(rig.recording(), LOAD_SIMULATOR, seed=0).report
-        line['report'] = {name: part for name, part in found.items() if name != 'series'}
+        found = trace(*split_thirds(rig.recording()), LOAD_SIMULATOR)
+        summary = summarise(found, judge(found))
+        line['report'] = {name: part for name, part in summary.items() if name != 'series'}
     except Exception:    # a rig that breaks the tracer is a result, and the others go on
         line['failure'] = traceback.format_exc()
     line['seconds'] = time.perf_counter() - begin

@@ -6,6 +6,7 @@ from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
 from functools import cached_property
 import math
+import os
 
 import numpy as np
 from scipy.linalg import expm
@@ -22,7 +23,7 @@ from hydro_twin.recording.series import Recording
 START = 50              # samples at the begin of a part that set its state, and are not scored
 WALL = 3e-3             # weight of the search box, see `Problem`
 MIDDLE = 1e-4           # weight of its middle
-THREADS = 2
+THREADS = os.cpu_count() or 1
 
 
 @dataclass(frozen=True)
