@@ -1,4 +1,4 @@
-"""Is there structure in a residual: does it depend on what passes at the ports, and on time?
+"""Whether a residual has structure: depends on what passes at the ports, or on time.
 
 At each port, for each signal there, a free curve (hat functions over what the signal reaches) is
 added to the port's value and carried to the output by the linear laws. What such a curve explains

@@ -10,8 +10,7 @@ FAR = 100.0             # and from which a rival is no longer near
 LEFT = 0.01             # share of what is left, foretold by the ports, that makes a law wrong
 LIKELY = 0.05           # p-value of that
 DRIFTS = 0.02           # share of what is left in a drift from which it is said
-TELLING = 3000.0        # power explained over the noise's, below which a law cannot be told from
-                        # another that is a few per cent off
+TELLING = 3000.0        # power explained over the noise's, to tell a law from one a little off
 ENOUGH = 0.5            # share of what is above the noise that named effects must explain
 
 
@@ -86,5 +85,3 @@ def _by_id(finding: Finding, winner: str) -> tuple[tuple[str, float], ...]:
         if contender.id != winner:
             nearest.setdefault(contender.id, distance)
     return tuple(sorted(nearest.items(), key=lambda item: item[1]))
-
-
