@@ -1,0 +1,258 @@
+"""Tracing from end to end: what it names, what it does not, and what must not change that."""
+from dataclasses import replace
+import json
+import math
+
+import numpy as np
+import pytest
+from traced_rig import PLANT, record
+import yaml
+
+from hydro_twin.commands.main import main
+from hydro_twin.model import read_model
+from hydro_twin.recording.read import read_recording
+from hydro_twin.recording.series import Recording, split_thirds
+from hydro_twin.recording.signals import load_signals
+from hydro_twin.recording.write import write_recording
+from hydro_twin.report.summary import summarise
+from hydro_twin.residual.trace import trace
+from hydro_twin.residual.verdict import judge
+
+FRICTION = ('friction', 'motor', {'coulomb': 6.0})
+SHORT = {'count': 2, 'duration': 2.4}
+ERRORS = {'one_step': {'train', 'test'}, 'free_run': {'train', 'test'}}
+
+
+def report_of(recording, seed=0):
+    found = trace(*split_thirds(recording), PLANT, seed=seed)
+    return summarise(found, judge(found))
+
+
+def named(report):
+    return [(effect['id'], effect['port']) for effect in report['effects']]
+
+
+def verb(capsys, *arguments):
+    """Run a verb with --json: its status, its object, its complaint."""
+    status = main([*map(str, arguments), '--json'])
+    out, err = capsys.readouterr()
+    return status, json.loads(out) if out else None, err
+
+
+@pytest.fixture(scope='module')
+def rubbing():
+    return record(FRICTION, **SHORT)
+
+
+@pytest.fixture(scope='module')
+def reference(rubbing):
+    return report_of(rubbing)
+
+
+def assert_same_finding(report, reference, rel):
+    assert report['verdict'] == reference['verdict'] == 'effect_found'
+    assert named(report) == named(reference) == [FRICTION[:2]]
+    one, other = (r['effects'][0] for r in (report, reference))
+    assert one['certain'] == other['certain']
+    assert one['parameters']['coulomb']['value'] == pytest.approx(
+        other['parameters']['coulomb']['value'], rel=rel)
+    for when in ('before', 'after'):
+        assert report[when]['free_run']['test'] == pytest.approx(
+            reference[when]['free_run']['test'], rel=0.02)
+
+
+@pytest.mark.slow
+def test_an_effect_is_named_with_its_value(reference):
+    assert reference['verdict'] == 'effect_found'
+    (effect,) = reference['effects']
+    assert (effect['id'], effect['port']) == FRICTION[:2]
+    assert effect['certain']
+    coulomb = effect['parameters']['coulomb']
+    assert coulomb['unit'] == 'N m'
+    assert abs(coulomb['value'] - 6.0) < 4 * coulomb['std_error'] + 0.02 * 6.0
+    assert coulomb['std_error'] < 0.3
+    assert effect['p_value'] < 1e-6
+    assert reference['ambiguous'] == []
+    # What is left is the noise, on data that were not fitted too.
+    assert reference['after']['free_run']['test'] == pytest.approx(0.5, rel=0.1)
+    assert reference['noise_floor'] == pytest.approx(0.5, rel=0.1)
+    assert reference['before']['free_run']['test'] > 3 * reference['after']['free_run']['test']
+    assert reference['improvement']['low'] > 0.8
+
+
+@pytest.mark.slow
+def test_the_order_of_the_bags_does_not_matter(rubbing, reference):
+    report = report_of(Recording(rubbing.series[::-1]))
+    assert_same_finding(report, reference, rel=0.01)
+
+
+@pytest.mark.slow
+def test_the_seed_does_not_matter(rubbing, reference):
+    assert_same_finding(report_of(rubbing, seed=7), reference, rel=0.01)
+
+
+@pytest.mark.slow
+def test_another_clock_does_not_matter(tmp_path, reference):
+    """Recorded every millisecond, from another instant, with the measurement 0.4 ms off."""
+    fast = record(FRICTION, plant=replace(PLANT, sample_time=0.001), **SHORT)
+    signals = load_signals(PLANT.name, [signal.name for signal in PLANT.signals])
+    write_recording(tmp_path / 'bag', [replace(s, start=s.start + 123_456_789)
+                                       for s in fast.series], signals, {})
+    read = read_recording([tmp_path / 'bag'], signals, {'u_m'}, PLANT.sample_time)
+    assert [len(series) for series in read.series] == [1200, 1200]
+    report = report_of(read)
+    assert named(report) == [FRICTION[:2]]
+    value = report['effects'][0]['parameters']['coulomb']['value']
+    assert value == pytest.approx(reference['effects'][0]['parameters']['coulomb']['value'],
+                                  rel=0.03)
+
+
+@pytest.mark.slow
+def test_labels_of_another_recording_name_nothing(rubbing):
+    """The torque of one recording over the inputs of another."""
+    other = record(seed=9, **SHORT)
+    report = report_of(Recording(tuple(
+        replace(a, columns={**b.columns, 'T_g': a['T_g']})
+        for a, b in zip(rubbing.series, other.series, strict=True))))
+    assert report['effects'] == []
+    assert report['verdict'] != 'effect_found'
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize('seed', [3, 4])
+def test_where_nothing_is_missing_nothing_is_named(seed):
+    report = report_of(record(seed=seed, **SHORT))
+    assert report['verdict'] == 'nothing_missing'
+    assert report['effects'] == []
+    assert report['ambiguous'] == []
+    assert report['remainder']['lines_hz'] == []
+    assert report['after'] == report['before']
+    assert ('saturation', 'spool') in {(h['id'], h['port']) for h in report['cannot_show']}
+
+
+@pytest.mark.slow
+def test_a_line_is_left_to_be_told(tmp_path):
+    """Mains hum on the sensor is no effect of the library: it is told by its frequency."""
+    quiet = record(seed=5, **SHORT)
+    hum = Recording(tuple(replace(s, columns={**s.columns, 'T_g': s['T_g'] + 1.5 * np.sin(
+        2 * np.pi * 50.2 * 0.002 * np.arange(len(s)) + k)}) for k, s in enumerate(quiet.series)))
+    report = report_of(hum)
+    assert report['verdict'] == 'unexplained'
+    assert report['effects'] == []
+    assert report['remainder']['lines_hz'] == [pytest.approx(50.2, abs=0.3)]
+    assert '50.' in report['remainder']['says']
+
+
+@pytest.fixture(scope='module')
+def files(rubbing, tmp_path_factory):
+    """Write the recording to a bag, and to one with the rig's own units and topics."""
+    folder = tmp_path_factory.mktemp('trace')
+    signals = load_signals(PLANT.name, [signal.name for signal in PLANT.signals])
+    write_recording(folder / 'bag', rubbing.series, signals, {})
+    other = {
+        'u_m': {'topic': '/amplifier', 'type': 'sensor_msgs/msg/JointState',
+                'field': 'effort[0]', 'scale': 0.1, 'offset': -1.0},        # % of 10 V, from -10
+        'theta_d': {'topic': '/shaft', 'type': 'sensor_msgs/msg/JointState',
+                    'field': 'position[0]', 'scale': math.pi / 180},        # degrees
+        'T_g': {'topic': '/shaft', 'type': 'sensor_msgs/msg/JointState',
+                'field': 'effort[0]', 'scale': 1e-3, 'offset': 0.0},        # N mm
+    }
+    config = {'/**': {'ros__parameters': {'signals': other}}}
+    (folder / 'own.yaml').write_text(yaml.safe_dump(config))
+    own = load_signals(PLANT.name, list(other), folder / 'own.yaml')
+    write_recording(folder / 'own_units', rubbing.series, own, {})
+    return folder
+
+
+@pytest.mark.slow
+def test_own_units_and_topics_do_not_matter(files, tmp_path, capsys, reference):
+    status, report, _ = verb(capsys, 'trace', files / 'own_units', '--plant', PLANT.name,
+                             '--config', files / 'own.yaml', '-o', tmp_path / 'out')
+    assert status == 0
+    assert_same_finding(report, reference, rel=0.01)
+
+
+@pytest.mark.slow
+def test_the_verb_keeps_its_contract(files, tmp_path, capsys):
+    out = tmp_path / 'out'
+    status, report, _ = verb(capsys, 'trace', files / 'bag', '--plant', PLANT.name, '-o', out)
+    assert status == 0
+    assert report == json.loads((out / 'report.json').read_text())
+    assert '<html' in (out / 'report.html').read_text()
+
+    assert set(report) >= {'plant', 'verdict', 'effects', 'ambiguous', 'before', 'after', 'series',
+                           'persistence', 'noise_floor', 'remainder'}
+    assert report['plant'] == PLANT.name
+    for when in ('before', 'after'):
+        assert {kind: set(errors) for kind, errors in report[when].items()} == ERRORS
+    assert set(report['remainder']) >= {'white', 'lines_hz', 'depends_on', 'says'}
+    assert isinstance(report['remainder']['white'], bool)
+    assert report['persistence']['test'] > report['noise_floor'] > 0
+    (effect,) = report['effects']
+    assert set(effect) >= {'id', 'port', 'parameters', 'p_value', 'share_of_residual', 'certain',
+                           'rivals'}
+    assert set(effect['parameters']['coulomb']) == {'value', 'unit', 'std_error'}
+    assert effect['rivals']
+    distances = [rival['delta_bic'] for rival in effect['rivals']]
+    assert distances == sorted(distances)
+    assert effect['id'] not in {rival['id'] for rival in effect['rivals']}
+    assert [series['bag'] for series in report['series']] == [str(files / 'bag')] * 2
+    for series in report['series']:
+        assert set(series) == {'bag', 'before', 'after'}
+
+    # The repaired model is the one the report speaks of, and it is better on the bag.
+    model = read_model(out / 'model.yaml')
+    (placed,) = model.placed
+    assert placed.named['coulomb'] == effect['parameters']['coulomb']['value']
+    assert model.promised('free_run') == report['after']['free_run']['test']
+    linear = tmp_path / 'linear.yaml'
+    assert verb(capsys, 'refit', files / 'bag', '--plant', PLANT.name, '-o', linear)[0] == 0
+    before = verb(capsys, 'replay', files / 'bag', '--model', linear)[1]
+    after = verb(capsys, 'replay', files / 'bag', '--model', out / 'model.yaml')[1]
+    for kind in ('one_step', 'free_run'):
+        assert after[kind]['rmse'] < 0.75 * before[kind]['rmse']
+
+    # From the repaired model on, nothing is missing.
+    status, again, _ = verb(capsys, 'trace', files / 'bag', '--plant', PLANT.name, '--model',
+                            out / 'model.yaml', '-o', tmp_path / 'again')
+    assert status == 0
+    assert again['verdict'] == 'nothing_missing'
+    assert again['before']['free_run']['test'] == pytest.approx(
+        report['after']['free_run']['test'], rel=0.02)
+    assert read_model(tmp_path / 'again' / 'model.yaml').placed[0].effect.id == 'friction'
+
+
+@pytest.mark.parametrize(('arguments', 'says'), [
+    (['no_such_bag', '--plant', 'load_simulator'], 'no_such_bag'),
+    (['{bag}', '--plant', 'windmill'], "no plant 'windmill'"),
+    (['{bag}', '--plant', 'load_simulator', '--constant', 'D_m=-1'], 'must be a positive number'),
+    (['{bag}', '--plant', 'load_simulator', '--test', 'not_there'], 'not_there'),
+    (['{bag}', '--plant', 'load_simulator', '--model', '{folder}/own.yaml'], 'not a model file'),
+    (['{bag}', '--plant', 'valve_servo'], '/valve_servo'),
+    (['{short}', '--plant', 'load_simulator'], 'no series is long enough'),
+    (['{still}', '--plant', 'load_simulator'], 'never moves'),
+])
+def test_bad_input_is_one_line(tmp_path, capsys, arguments, says):
+    signals = load_signals(PLANT.name, [signal.name for signal in PLANT.signals])
+    one = record(count=1, duration=0.8).series[0]
+    still = replace(one, columns={**one.columns, 'T_g': np.full(len(one), 2.0)})
+    (tmp_path / 'own.yaml').write_text('a: 1\n')
+    for name, series in (('bag', one), ('short', one.part(0, 60)), ('still', still)):
+        if '{' + name + '}' in arguments:
+            write_recording(tmp_path / name, [series], signals, {})
+    names = {name: tmp_path / name for name in ('bag', 'short', 'still')}
+    arguments = [a.format(folder=tmp_path, **names) for a in arguments]
+    status, report, err = verb(capsys, 'trace', *arguments, '-o', tmp_path / 'out')
+    assert status == 2
+    assert report is None
+    assert says in err
+    assert len(err.splitlines()) == 1
+    assert not (tmp_path / 'out').exists()
+
+
+def test_a_file_is_no_folder(tmp_path, capsys):
+    (tmp_path / 'out').write_text('mine')
+    status, _, err = verb(capsys, 'trace', 'bag', '--plant', PLANT.name, '-o', tmp_path / 'out')
+    assert status == 2
+    assert 'is a file' in err
+    assert (tmp_path / 'out').read_text() == 'mine'
