@@ -67,7 +67,6 @@ def traced(wanted: list[Case], workers: int) -> Iterator[dict[str, Any]]:
 def trace_case(case: Case) -> dict[str, Any]:
     """Return the truth, what the tracer said ('report' or 'failure') and how long it took."""
     from hydro_twin.plants.load_simulator import LOAD_SIMULATOR
-    from hydro_twin.plants.load_simulator import LOAD_SIMULATOR
     from hydro_twin.recording.series import split_thirds
     from hydro_twin.report.summary import summarise
     from hydro_twin.residual.trace import trace
