@@ -25,10 +25,10 @@ multisine='--excitation u_m=multisine --excitation u_m=multisine --excitation u_
 
 make load_simulator_linear --seed 1 --duration 3
 make load_simulator_nonlinear --seed 7 --duration 3 \
-    --set B_m=80 --set J=0.025 --set K_p=0.02 \
-    --effect backlash@coupling:gap=1e-3 --effect friction@motor:coulomb=20 \
+    --set B_m=95 --set J=0.02 --set K_p=0.025 \
+    --effect backlash@coupling:gap=1e-3 --effect friction@motor:coulomb=40 \
     --effect dead_zone@spool:width=5e-6 --effect orifice@flow:supply_pressure=6e6 \
-    --excitation theta_d=random:bandwidth=45,amplitude=0.01 \
+    --excitation theta_d=random:bandwidth=60,amplitude=0.01 \
     --burst theta_d:begin=2,length=0.3,frequency=110,amplitude=0.007
 make rig_a --duration 2.4 --seed 2 --effect friction@motor:coulomb=10
 make rig_b --duration 2.4 --seed 3 --effect dead_zone@spool:width=3e-6
