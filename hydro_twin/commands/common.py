@@ -58,7 +58,18 @@ def add_bag_arguments(parser: argparse.ArgumentParser) -> None:
 
 def add_seed_argument(parser: argparse.ArgumentParser) -> None:
     """Add --seed."""
-    parser.add_argument('--seed', type=int, default=0, help='of all that is random (default: 0)')
+    parser.add_argument('--seed', type=seed, default=0, help='of all that is random (default: 0)')
+
+
+def seed(text: str) -> int:
+    """Read a seed.
+
+    Raises:
+        argparse.ArgumentTypeError: it is no whole number, or below zero.
+    """
+    if not text.isdecimal():
+        raise argparse.ArgumentTypeError(f'{text!r} should be a whole number, 0 or above')
+    return int(text)
 
 
 def assignment(text: str) -> tuple[str, float]:

@@ -87,6 +87,10 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
     plant = rig.plant
     if args.predictor != 'analytical':
         check_device(args.device)
+    if args.predictor == 'analytical' and (args.hidden or args.search):
+        raise UserError('--hidden and --search are for networks: --predictor mlp or hybrid')
+    if args.predictor == 'mlp' and (args.criterion or args.method != 'least_squares'):
+        raise UserError('--method and --criterion are for physical parameters; an MLP has none')
     if args.model and args.predictor != 'hybrid':
         raise UserError('--model is what a hybrid stands on: it needs --predictor hybrid')
     criterion = args.criterion or (
@@ -96,8 +100,7 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
     bounds = bounds_of(train, test, plant)
     model = Model(
         plant, {}, rig.constants, plant.sample_time, args.predictor,
-        provenance=provenance(train.sources, test.sources if args.test else (), args.seed)
-        | {'method': args.method, 'criterion': criterion})
+        provenance=provenance(train.sources, test.sources if args.test else (), args.seed))
     known: Identifiability | None = None
     hidden: tuple[int, ...] = ()
     if args.model:
@@ -105,7 +108,9 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
     elif args.predictor != 'mlp':
         with progress('fitting the physics'):
             physics = fit_physics(train, plant, rig.constants, args.method, criterion, args.seed)
-        model, known = replace(model, parameters=physics.estimates), physics.known
+        known = physics.known
+        model = replace(model, parameters=physics.estimates, provenance={
+            **model.provenance, 'method': args.method, 'criterion': criterion})
     if args.predictor == 'analytical':
         errors = errors_of(Analytical(model), train, test)
     else:

@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 import numpy.typing as npt
 from safetensors import safe_open, SafetensorError
-from safetensors.numpy import save_file
+from safetensors.numpy import save
 
 from hydro_twin.compiled import compiled
 from hydro_twin.errors import ModelError
@@ -133,7 +133,7 @@ def save_network(network: Network, path: Path) -> None:
                 'activation': 'tanh'}
     beside = path.with_name(f'.{path.name}.{os.getpid()}')
     try:
-        save_file(tensors, beside, metadata)
+        beside.write_bytes(save(tensors, metadata))
         beside.replace(path)
     finally:
         beside.unlink(missing_ok=True)

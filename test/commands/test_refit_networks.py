@@ -60,6 +60,10 @@ def test_a_hybrid_on_a_model_keeps_its_physics_and_effects(
 
 @pytest.mark.parametrize(('more', 'says'), [
     (['--hidden', '7,x'], 'should read like 77,77'),
+    (['--hidden', '7'], '--predictor mlp or hybrid'),
+    (['--method', 'pso', '--predictor', 'mlp'], 'an MLP has none'),
+    (['--criterion', 'one_step', '--predictor', 'mlp'], 'an MLP has none'),
+    (['--seed', '-1'], "'-1' should be a whole number, 0 or above"),
     (['--hidden', '0'], 'should read like 77,77'),
     (['--epochs', '0', '--predictor', 'mlp'], '--epochs 0'),
     (['--device', 'abacus', '--predictor', 'mlp'], "device 'abacus'"),

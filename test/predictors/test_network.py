@@ -66,6 +66,8 @@ def test_survives_its_file(tmp_path: Path) -> None:
     assert loaded(x).tolist() == network(x).tolist()
     assert (loaded.hidden, loaded.limit) == ((5, 4), network.limit)
     assert [file.name for file in tmp_path.iterdir()] == ['net.safetensors']
+    (tmp_path / 'plain').touch()
+    assert path.stat().st_mode == (tmp_path / 'plain').stat().st_mode
 
 
 @pytest.mark.parametrize('damage', [b'', b'not a network', None])
