@@ -1,18 +1,115 @@
-"""The page of a trace, for a person."""
+"""The page of a trace, for a person: one file that needs no other."""
 from __future__ import annotations
 
-import html
-import json
+from collections.abc import Mapping, Sequence
+import math
 from typing import Any
 
+from jinja2 import Environment, PackageLoader, StrictUndefined
+
+from hydro_twin.fitting.free_run import Fit
+from hydro_twin.report.chart import AFTER, BEFORE, Illustration, plain
+from hydro_twin.report.summary import final
 from hydro_twin.residual.trace import Trace
-from hydro_twin.residual.verdict import Verdict
+from hydro_twin.residual.verdict import CLOSE, FAR, Verdict
+
+NOT_KNOWN = '–'
 
 
-def page(trace: Trace, verdict: Verdict, summary: dict[str, Any],
-         provenance: dict[str, Any]) -> str:
-    """Write the report as one self-contained page."""
-    return (f'<!doctype html><meta charset="utf-8"><title>{trace.plant.title}: '
-            f'{verdict.kind}</title><h1>{html.escape(summary["says"])}</h1>'
-            f'<pre>{html.escape(json.dumps(summary, indent=2))}</pre>'
-            f'<pre>{html.escape(json.dumps(provenance, indent=2))}</pre>')
+def page(trace: Trace, verdict: Verdict, summary: Mapping[str, Any],
+         provenance: Mapping[str, Any], illustrations: Sequence[Illustration]) -> str:
+    """Write the report as one self-contained page.
+
+    Args:
+        trace: what was found.
+        verdict: what may be said of it.
+        summary: the report object.
+        provenance: bags with their SHA-256, command, seed and version.
+        illustrations: the figures.
+    """
+    environment = Environment(loader=PackageLoader('hydro_twin', 'report'), autoescape=True,
+                              undefined=StrictUndefined, trim_blocks=True, lstrip_blocks=True)
+    environment.policies['json.dumps_kwargs'] = {'separators': (',', ':'), 'allow_nan': False}
+    environment.filters |= {'short': short, 'spread': spread, 'percent': percent, 'shift': shift,
+                            'p': lambda value: '< 1e-99' if value < 1e-99 else f'{value:.2g}',
+                            'sentence': lambda text: text[:1].upper() + text[1:]}
+    series_parts = [part for part in ('train', 'test')
+                    if all(part in row['before']['free_run'] for row in summary['series'])]
+    return environment.get_template('trace_page.html').render(
+        plant=trace.plant, unit=trace.plant.output.unit, named=bool(verdict.judged),
+        summary={**summary, 'effects': _effects(trace, verdict, summary)},
+        parameters=parameter_rows(trace.before, final(trace, verdict), summary['parameters']),
+        provenance=provenance, illustrations=illustrations, series_parts=series_parts,
+        parts=f'{len(trace.train)} parts fitted, {len(trace.test)} held out to test',
+        colours={'before': BEFORE, 'after': AFTER}, close=CLOSE, far=FAR,
+        data={item.name: plain(item) for item in illustrations})
+
+
+def short(value: float | None) -> str:
+    """Write a number with four digits."""
+    return NOT_KNOWN if value is None else f'{value:.4g}'
+
+
+def spread(value: float | None) -> str:
+    """Write a standard error."""
+    return NOT_KNOWN if value is None else f'{value:.2g}'
+
+
+def percent(share: float | None) -> str:
+    """Write a share as percentage."""
+    return NOT_KNOWN if share is None else f'{100.0 * share:.3g} %'
+
+
+def shift(share: float | None) -> str:
+    """Write by how much something is larger or smaller."""
+    return NOT_KNOWN if share is None else f'{100.0 * share:+.3g} %'
+
+
+def _effects(trace: Trace, verdict: Verdict, summary: Mapping[str, Any]) -> list[dict[str, Any]]:
+    """Add to each effect of the report what the page says beside."""
+    rows = []
+    for judged, effect in zip(verdict.judged, summary['effects'], strict=True):
+        law = trace.after.candidate.effects[judged.finding.index].effect
+        rows.append({**effect, 'title': law.title,
+                     'meanings': {p.name: p.meaning for p in law.parameters},
+                     'figure': f'effect_{judged.id}_{judged.port}'})
+    return rows
+
+
+def parameter_rows(before: Fit, after: Fit, parameters: Mapping[str, Any]) -> list[dict[str, Any]]:
+    """Lay out the parameters before and after, then the combinations that act only together."""
+    plant = before.candidate.plant
+    known = {p.name: (parameters['before'][p.name], parameters['after'][p.name])
+             for p in plant.parameters}
+    together = {name for combination in plant.combinations for name in combination}
+    rows = [_row(p.name, p.meaning, p.unit, *known[p.name]) for p in plant.parameters]
+    rows = [{**row, 'shift': None} if row['name'] in together else row for row in rows]
+    for combination in plant.combinations:
+        units = {name: known[name][0]['unit'] for name in combination}
+        rows.append(_row(
+            _product({name: (name, power) for name, power in combination.items()}),
+            'known only together',
+            _product({name: (units[name], power) for name, power in combination.items()}),
+            _together(before, combination), _together(after, combination)))
+    return rows
+
+
+def _row(name: str, meaning: str, unit: str, before: Mapping[str, Any], after: Mapping[str, Any]
+         ) -> dict[str, Any]:
+    moved, error = before['value'] - after['value'], before['std_error']
+    return {'name': name, 'meaning': meaning, 'unit': unit, 'before': before, 'after': after,
+            'shift': moved / after['value'], 'over_error': moved / error if error else None}
+
+
+def _together(fit: Fit, combination: Mapping[str, int]) -> dict[str, float | None]:
+    """Give a product of powers; its first parameter was searched for all of them."""
+    value = math.prod(fit.candidate.values[name] ** power for name, power in combination.items())
+    relative = fit.identifiability().std_error.get(next(iter(combination)))
+    return {'value': value, 'std_error': None if relative is None else relative * value}
+
+
+def _product(factors: Mapping[str, tuple[str, int]]) -> str:
+    """Write a product of powers, as in 'V_m / beta_e'."""
+    above = [text for text, power in factors.values() if power > 0]
+    below = [text for text, power in factors.values() if power < 0]
+    return ' / '.join([' '.join(above) or '1', *below])

@@ -1,40 +1,78 @@
-"""Writes what a trace gives: report.json, report.html and model.yaml in a folder."""
+"""Writes what a trace gives into a folder: the report, the page, its figures, series, models."""
 from __future__ import annotations
 
+from collections.abc import Sequence
+import csv
 import json
-import os
 from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import Any
+
+import numpy as np
 
 from hydro_twin.errors import UserError
 from hydro_twin.model import write_model
+from hydro_twin.report.drawing import write_png
+from hydro_twin.report.figures import illustrations, Run, runs
 from hydro_twin.report.page import page
 from hydro_twin.report.summary import model_of, summarise
 from hydro_twin.residual.trace import Trace
-from hydro_twin.residual.verdict import judge
+from hydro_twin.residual.verdict import judge, Verdict
+
+FIGURES = 'figures'
 
 
 def write_files(trace: Trace, folder: Path, provenance: dict[str, Any]) -> dict[str, Any]:
-    """Write the three files of a trace, each whole or not at all; returns the report object.
+    """Write all files of a trace; none is replaced before all are made.
+
+    These are report.json, report.html, model.yaml, series.csv, figures/*.png and, where an effect
+    was found, before.yaml, the model without it.
+
+    Returns:
+        The report object.
 
     Raises:
         UserError: the folder cannot be written.
     """
     verdict = judge(trace)
     summary = summarise(trace, verdict)
-    html = page(trace, verdict, summary, provenance)
+    ran = runs(trace, verdict)
+    drawn = illustrations(trace, verdict, ran)
+    html = page(trace, verdict, summary, provenance, drawn)
     try:
         folder.mkdir(parents=True, exist_ok=True)
-        write_whole(folder / 'report.json', json.dumps(summary, indent=2, allow_nan=False))
-        write_whole(folder / 'report.html', html)
+        with TemporaryDirectory(dir=folder, prefix='.') as beside:
+            new = Path(beside) / 'new'
+            (new / FIGURES).mkdir(parents=True)
+            (new / 'report.json').write_text(json.dumps(summary, indent=2, allow_nan=False),
+                                             encoding='utf-8')
+            (new / 'report.html').write_text(html, encoding='utf-8')
+            write_series(trace, ran, new / 'series.csv')
+            for illustration in drawn:
+                write_png(illustration, new / FIGURES / f'{illustration.name}.png')
+            write_model(model_of(trace, verdict, provenance), new / 'model.yaml')
+            if verdict.judged:
+                plain = Verdict(verdict.kind, (), ())
+                write_model(model_of(trace, plain, provenance), new / 'before.yaml')
+            if (folder / FIGURES).exists():         # those of another trace must not stay
+                (folder / FIGURES).replace(Path(beside) / 'old')
+            for path in new.iterdir():
+                path.replace(folder / path.name)
     except OSError as error:
         raise UserError(f'{folder}: cannot be written ({error.strerror})') from error
-    write_model(model_of(trace, verdict, provenance), folder / 'model.yaml')
     return summary
 
 
-def write_whole(path: Path, text: str) -> None:
-    """Write a text file so that it is either the old one or the new one, never a part."""
-    part = path.with_name(f'.{path.name}.{os.getpid()}')
-    part.write_text(text, encoding='utf-8')
-    part.replace(path)
+def write_series(trace: Trace, ran: Sequence[Run], path: Path) -> None:
+    """Write every sample of every part as a row of a CSV table."""
+    sample_time, plant = trace.before.candidate.sample_time, trace.plant
+    with path.open('w', encoding='utf-8', newline='') as stream:
+        writer = csv.writer(stream)
+        writer.writerow(['part', 'bag', 'time', *(signal.name for signal in plant.signals),
+                         'before', 'after'])
+        for run in ran:
+            time = sample_time * np.arange(len(run.part.measured))
+            columns = np.column_stack([time, run.part.inputs, run.part.measured, run.before,
+                                       run.after])
+            writer.writerows([run.label, run.part.source,
+                              *(f'{value:.9g}' for value in row.tolist())] for row in columns)

@@ -1,0 +1,151 @@
+"""The figures of a trace: measured and predicted, effects at their ports, spectra."""
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from scipy import signal
+
+from hydro_twin.fitting.free_run import Part, START
+from hydro_twin.plants.plant import FloatArray
+from hydro_twin.report.chart import (
+    AFTER,
+    axis,
+    BEFORE,
+    Chart,
+    Curve,
+    FOUND,
+    Illustration,
+    MEASURED,
+    QUIET,
+    thin,
+    View,
+)
+from hydro_twin.report.shape import illustrate_effect
+from hydro_twin.report.summary import final
+from hydro_twin.residual.structure import Dependence
+from hydro_twin.residual.trace import Trace
+from hydro_twin.residual.verdict import Verdict
+
+POINTS = 24_000         # of one curve, over all parts together
+SEGMENT = 1024          # samples, of a spectrum
+SHOWN = 3               # dependences
+
+
+@dataclass(frozen=True)
+class Run:
+    """A part with the free runs of the model before and after.
+
+    Attributes:
+        label: 'test 1', 'training 2', ...
+    """
+
+    label: str
+    part: Part
+    before: FloatArray
+    after: FloatArray
+
+
+def runs(trace: Trace, verdict: Verdict) -> list[Run]:
+    """Run both models over all parts, those that were not fitted first."""
+    before, after = trace.before.candidate, final(trace, verdict).candidate
+    labelled = [(f'{name} {k + 1}', part) for name, parts in
+                (('test', trace.test), ('training', trace.train)) for k, part in enumerate(parts)]
+    found = []
+    for label, part in labelled:
+        first = before.run(part)
+        found.append(Run(label, part, first, first if after is before else after.run(part)))
+    return found
+
+
+def illustrations(trace: Trace, verdict: Verdict, ran: Sequence[Run]) -> list[Illustration]:
+    """List the figures of the page, in its order."""
+    fit = final(trace, verdict)
+    effects = [illustrate_effect(fit, fit.candidate.effects[judged.finding.index], trace.fitted)
+               for judged in verdict.judged]
+    found = [_dependence(trace, dependence) for dependence in trace.depends_on[:SHOWN]]
+    return [_output(trace, verdict, ran), *effects, *found, _spectra(trace, verdict, ran)]
+
+
+def _names(verdict: Verdict) -> tuple[tuple[str, str], ...]:
+    """Name the models shown, with their colours."""
+    if verdict.judged:
+        return ('before', BEFORE), ('after', AFTER)
+    return (('model', BEFORE),)
+
+
+def _output(trace: Trace, verdict: Verdict, ran: Sequence[Run]) -> Illustration:
+    """Measured and predicted over time, and their difference, part by part."""
+    sample_time, output = trace.before.candidate.sample_time, trace.plant.output
+    most = max(200, POINTS // len(ran))
+    views = []
+    for run in ran:
+        time = sample_time * np.arange(len(run.part.measured), dtype=np.float64)
+        models = [(name, y, colour) for (name, colour), y in
+                  zip(_names(verdict), (run.before, run.after), strict=False)]
+        measured = run.part.measured
+        above = Chart('time [s]', axis(output.meaning, output.unit), (
+            Curve('measured', *thin(time, measured, most), MEASURED, 'thick'),
+            *(Curve(name, *thin(time, y, most), colour) for name, y, colour in models)))
+        below = Chart('time [s]', axis('residual', output.unit), tuple(
+            Curve(name, *thin(time[START:], (measured - y)[START:], most), colour)
+            for name, y, colour in models), height=0.6)
+        source = Path(run.part.source).name
+        views.append(View(f'{run.label}, {source}' if source else run.label, (above, below)))
+    caption = (
+        f'Above, the {output.meaning} as measured and in free run (no measured output after the '
+        f'first {START} samples, which set the state and are not scored). Below, the residual: '
+        f'measured less predicted. Nothing was fitted to the test parts.')
+    if any(len(run.part.measured) > most for run in ran):
+        caption += ' Long parts are drawn by the least and the largest of every few samples.'
+    return Illustration('output', 'Measured and predicted', caption, tuple(views))
+
+
+def _dependence(trace: Trace, found: Dependence) -> Illustration:
+    """Show a free curve at a port that explains some of what is left."""
+    port = next(port for port in trace.plant.ports if port.name == found.port
+                and (found.signal == 'value' or found.signal in port.signals))
+    what = port.meaning if found.signal == 'value' else found.signal.replace('_', ' ')
+    unit = port.unit if found.signal == 'value' else port.signals[found.signal]
+    unseen = f'{found.held_out:.1%}' if found.held_out > 0.0 else 'nothing'
+    return Illustration(
+        f'left_{found.port}_{found.signal}', f'Found, not explained: {what} at the {found.port}',
+        f'A free curve that would have to be added to the {port.meaning}. It explains '
+        f'{found.share:.1%} of what is left, and {unseen} on data it was not fitted '
+        f'to. What re-tuning could do is left out, so a straight line more or less means nothing.',
+        (View('', (Chart(axis(what, unit), axis('added', port.unit), (
+            Curve('free curve', found.knots, found.curve, FOUND),)),)),))
+
+
+def _spectra(trace: Trace, verdict: Verdict, ran: Sequence[Run]) -> Illustration:
+    """Spectra of what the models leave, beside the noise floor."""
+    rate = 1.0 / trace.before.candidate.sample_time
+    curves = []
+    for k, (name, colour) in enumerate(_names(verdict)):
+        left = [run.part.measured - (run.before, run.after)[k] for run in ran]
+        frequency, density = spectrum([r[START:] for r in left], rate)
+        curves.append(Curve(name, frequency[1:], density[1:], colour))
+    level = trace.floor / np.sqrt(rate / 2.0)
+    curves.append(Curve('noise, estimated', frequency[[1, -1]], np.full(2, level), QUIET, 'dash'))
+    low, high = (float(f(curves[0].y)) for f in (np.nanmin, np.nanmax))
+    curves += [Curve(f'line at {line.frequency:.4g} Hz', np.full(2, line.frequency),
+                     np.array([low, high]), FOUND, 'dash') for line in trace.lines]
+    return Illustration(
+        'spectra', 'Spectrum of the residual',
+        'Amplitude density of measured less predicted over all parts, free run. The noise floor '
+        'is estimated from the upper third of the frequencies.',
+        (View('', (Chart('frequency [Hz]', f'amplitude [{trace.plant.output.unit}/√Hz]',
+                         tuple(curves), log=True),)),))
+
+
+def spectrum(pieces: Sequence[FloatArray], rate: float) -> tuple[FloatArray, FloatArray]:
+    """Average Welch's amplitude density over pieces, each by its length; (f,), (f,)."""
+    segment = min(SEGMENT, *(len(piece) for piece in pieces)) if pieces else SEGMENT
+    power = np.zeros(segment // 2 + 1)
+    for piece in pieces:
+        frequency, density = signal.welch(np.nan_to_num(piece), fs=rate, nperseg=segment,
+                                          detrend='linear')
+        power += density * len(piece)
+    return frequency, np.sqrt(power / sum(len(piece) for piece in pieces))

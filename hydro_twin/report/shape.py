@@ -1,0 +1,212 @@
+"""What an effect does at its port, beside what the recording shows there without any law.
+
+A component-plus-residual plot [Larsen and McCleary 1972]: what the model leaves is added to what
+the effect does, and a free curve over a signal at the port, carried to the output by the linear
+laws, is fitted to the sum. Where the law is right, the free curve runs along it.
+"""
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from scipy import signal
+
+from hydro_twin.effects import Placed
+from hydro_twin.fitting.free_run import Candidate, Fit, Part, rms, START
+from hydro_twin.plants.plant import FloatArray
+from hydro_twin.predictors import kernel
+from hydro_twin.report.chart import AFTER, axis, BEFORE, Chart, Curve, FOUND, Illustration, View
+from hydro_twin.residual.noise import autoregression
+from hydro_twin.residual.select import stretches
+from hydro_twin.residual.structure import BLOCK, hats, to_output
+
+KNOTS = 8               # evenly spaced, and as many again at quantiles
+CLOSEST = 0.02          # of two knots, as a share of the reach
+JUMP = 0.01             # the same, where a force jumps
+DOTS = 1500             # of a law
+TRIALS = 25             # delays at which the error is shown
+WIDEST = 1.0            # standard error of a knot worth showing, over the reach of the law
+
+
+@dataclass(frozen=True)
+class Passing:
+    """What passes at the port of one effect while a model runs over a part.
+
+    Attributes:
+        signals: what the law reads there, the port's own value among it, each (N,).
+        added: by the effect to the port's value, (N,).
+        left: measured less predicted, (N,).
+    """
+
+    signals: dict[str, FloatArray]
+    added: FloatArray
+    left: FloatArray
+
+
+def passing(candidate: Candidate, placed: Placed, part: Part) -> Passing:
+    """Run over a part and watch one effect; explicit ones on the same port count together."""
+    s = candidate.system
+    ordered = sorted((p for p in candidate.effects if p.effect.law is not None),
+                     key=lambda p: candidate.plant.ports.index(p.port))
+    e, port = ordered.index(placed), candidate.plant.ports.index(placed.port)
+    m = len(s.shift)
+    x, z, work = candidate.start(part), np.zeros(s.memory), s.work()
+    u, d = work[1, :m], work[5, :len(candidate.plant.ports)]
+    seen = np.empty((len(part.inputs), len(s.H)))
+    added, y = np.empty(len(seen)), np.empty(len(seen))
+    for k in range(len(seen)):
+        if k == 0:
+            y[k] = kernel.output(s.H, s.table, s.active, s.p, s.shift, x, z, work, part.inputs, k)
+        else:
+            y[k] = kernel.advance(s.M, s.H, s.table, s.active, s.p, s.shift, s.held, s.substeps,
+                                  s.sample_time, x, z, work, part.inputs, k)
+        added[k] = z[len(z) - len(s.table) + e] if placed.effect.implicit else d[port]
+        seen[k] = s.H @ np.concatenate([x, u, d])
+    rows = {} if placed.effect.implicit else {'value': port}
+    rows |= dict(zip(placed.effect.reads, s.table[e, kernel.SIGNAL_0:], strict=False))
+    return Passing({name: seen[:, row] for name, row in rows.items()}, added, part.measured - y)
+
+
+@dataclass(frozen=True)
+class FreeCurve:
+    """A free curve over a signal: knots, what is added there, and its standard error."""
+
+    label: str
+    knots: FloatArray
+    added: FloatArray
+    std_error: FloatArray
+
+
+def free_curves(fit: Fit, placed: Placed, seen: Sequence[Passing], name: str) -> list[FreeCurve]:
+    """Fit a free curve of what is added at a port over a signal; two for a law with memory.
+
+    Least squares on what the model leaves plus what the effect does, whitened by the memory of
+    the former; all else in the model stays as it is. Standard errors are by blocks, so that they
+    hold where something structured is left [White 1980].
+
+    Returns:
+        One curve, or one for a rising and one for a falling signal.
+    """
+    carry = to_output(fit.candidate)
+    b = carry.b[:, fit.candidate.plant.ports.index(placed.port)]
+    a = np.concatenate([[1.0], carry.a])
+    filter_ = autoregression(stretches(fit))
+    reach = np.concatenate([p.signals[name] for p in seen])
+    knots = _knots(reach, placed.effect.implicit)
+
+    def whitened(columns: FloatArray) -> FloatArray:
+        return signal.lfilter(filter_, [1.0], columns, axis=0)[START:]
+
+    columns, target = [], []
+    for p in seen:
+        shape = hats(p.signals[name], knots)
+        if branches(placed):
+            rises = _rises(p.signals[name])[:, None]
+            shape = np.hstack([shape * rises, shape * ~rises])
+        columns.append(whitened(signal.lfilter(b, a, shape, axis=0)))
+        target.append(whitened(p.left + signal.lfilter(b, a, p.added)))
+    X, t = np.concatenate(columns), np.concatenate(target)
+    size = np.maximum(np.linalg.norm(X, axis=0), 1e-300)
+    covariance = np.linalg.pinv((X / size).T @ (X / size), rcond=1e-10, hermitian=True)
+    found = covariance @ ((X / size).T @ t)
+    pulls = X / size * (t - X / size @ found)[:, None]
+    blocks = np.add.reduceat(pulls, np.arange(0, len(pulls), BLOCK))
+    spread = covariance @ (blocks.T @ blocks) @ covariance
+    curve, error = found / size, np.sqrt(np.diag(spread)) / size
+    if not branches(placed):
+        return [FreeCurve('free curve', knots, curve, error)]
+    half = len(knots)
+    return [FreeCurve('free curve, rising', knots, curve[:half], error[:half]),
+            FreeCurve('free curve, falling', knots, curve[half:], error[half:])]
+
+
+def branches(placed: Placed) -> bool:
+    """Whether what a law adds differs with the direction in which its signal moves."""
+    return placed.effect.memory > 0 and not placed.effect.implicit
+
+
+def _rises(values: FloatArray) -> np.ndarray:
+    """Whether a signal rises, or rose when it last moved, (N,)."""
+    moves = np.diff(values, prepend=values[0])
+    last = np.maximum.accumulate(np.where(moves != 0.0, np.arange(len(values)), 0))
+    rising: np.ndarray = moves[last] > 0.0
+    return rising
+
+
+def _knots(reach: FloatArray, jumps: bool = False) -> FloatArray:
+    """Place knots evenly over what a signal reaches, and more where it often is.
+
+    Where what is added may jump as the signal changes sign, three stand close about zero.
+    """
+    low, high = np.quantile(reach, [0.002, 0.998])
+    size = high - low
+    kept = JUMP * size * np.array([-1.0, 0.0, 1.0]) if jumps and low < 0.0 < high else np.zeros(0)
+    for knot in (*np.linspace(low, high, KNOTS),
+                 *np.quantile(reach, np.linspace(0.05, 0.95, KNOTS))):
+        if np.all(np.abs(knot - kept) > CLOSEST * size):
+            kept = np.append(kept, knot)
+    return np.sort(kept)
+
+
+def telling(seen: Sequence[Passing]) -> str:
+    """Name the signal that what the effect adds depends on most plainly."""
+    added = np.concatenate([p.added for p in seen])
+    unexplained = {}
+    for name in seen[0].signals:
+        values = np.concatenate([p.signals[name] for p in seen])
+        columns = hats(values, _knots(values))
+        weights = np.linalg.lstsq(columns, added, rcond=None)[0]
+        unexplained[name] = rms(added - columns @ weights)
+    return min(unexplained, key=lambda name: unexplained[name])
+
+
+def illustrate_effect(fit: Fit, placed: Placed, parts: Sequence[Part]) -> Illustration:
+    """Show an effect at its port, or, for a delay, the error over the delay."""
+    title = f'{placed.effect.title.capitalize()} at the {placed.port.name}'
+    name = f'effect_{placed.effect.id}_{placed.port.name}'
+    if placed.effect.law is None:
+        return Illustration(name, title,
+                            'Error of the free run for other delays, all else as fitted.',
+                            (View('', (_profile(fit, placed, parts),)),))
+    seen = [passing(fit.candidate, placed, part) for part in parts]
+    over = telling(seen)
+    x = np.concatenate([p.signals[over][START:] for p in seen])
+    added = np.concatenate([p.added[START:] for p in seen])
+    every = -(-len(x) // DOTS)
+    unit = placed.port.unit if over == 'value' else placed.port.signals[over]
+    what = placed.port.meaning if over == 'value' else over.replace('_', ' ')
+    colours = (FOUND, BEFORE)
+    curves = [Curve('law, as it acts in the run', x[::every], added[::every], AFTER, 'dots')]
+    for free, colour in zip(free_curves(fit, placed, seen, over), colours, strict=False):
+        told = free.std_error < WIDEST * max(float(np.ptp(added)), abs(float(added.max())))
+        curves.append(Curve(free.label, free.knots[told], free.added[told], colour, 'points',
+                            2.0 * free.std_error[told]))
+    caption = (
+        f'What is added to the {placed.port.meaning}, over the signal on which that depends most '
+        f'plainly. The free curve knows no law: it is fitted to what the model would leave '
+        f'without this effect, all else as fitted; bars are two standard errors. Where the law '
+        f'is right, its dots pass through the bars.')
+    if placed.effect.implicit:
+        caption += ' Beside a jump, between two samples, they overshoot.'
+    if len(seen[0].signals) > 2:
+        caption += ' This law reads more than one signal: its dots are spread by the others.'
+    return Illustration(name, title, caption, (View('', (Chart(
+        axis(what, unit), axis('added', placed.port.unit), tuple(curves)),)),))
+
+
+def _profile(fit: Fit, placed: Placed, parts: Sequence[Part]) -> Chart:
+    """Chart the error over the first parameter of an effect, from nothing to twice its value."""
+    index = fit.candidate.effects.index(placed)
+    values = np.linspace(0.0, 2.0 * placed.values[0], TRIALS)
+    errors = []
+    for value in values:
+        effects = list(fit.candidate.effects)
+        effects[index] = replace(placed, values=(float(value), *placed.values[1:]))
+        moved = replace(fit.candidate, effects=tuple(effects))
+        errors.append(rms(np.concatenate([moved.residual(part) for part in parts])))
+    parameter = placed.effect.parameters[0]
+    unit = placed.effect.unit(parameter, placed.port)
+    return Chart(axis(parameter.name, unit), axis('RMS error', fit.candidate.plant.output.unit), (
+        Curve('free run', values, np.array(errors), BEFORE),
+        Curve('as fitted', np.array([placed.values[0]]), np.array([fit.error]), AFTER, 'points')))
