@@ -19,7 +19,7 @@ def summarise(trace: Trace, verdict: Verdict) -> dict[str, Any]:
 
     The one-step errors are those of the integrated laws, before and after alike.
     """
-    after = final(trace, verdict)
+    after = trace.after
     estimates = effect_estimates(after)
     return {
         'plant': trace.plant.name,
@@ -29,9 +29,8 @@ def summarise(trace: Trace, verdict: Verdict) -> dict[str, Any]:
         'ambiguous': [list(group) for group in verdict.ambiguous],
         'before': _errors(trace.before.candidate, trace),
         'after': _errors(after.candidate, trace),
-        'improvement': {'relative': trace.proof.relative if verdict.judged else 0.0,
-                        'low': trace.proof.low if verdict.judged else 0.0,
-                        'high': trace.proof.high if verdict.judged else 0.0},
+        'improvement': {'relative': trace.proof.relative, 'low': trace.proof.low,
+                        'high': trace.proof.high},
         'cannot_show': [{'id': h.id, 'port': h.port, 'says': h.says} for h in trace.hidden],
         'series': _series(trace, after),
         'parameters': {'before': parameters(trace.before), 'after': parameters(after)},
@@ -49,11 +48,6 @@ def summarise(trace: Trace, verdict: Verdict) -> dict[str, Any]:
             'says': remainder_sentence(trace),
         },
     }
-
-
-def final(trace: Trace, verdict: Verdict) -> Fit:
-    """Take the fit that the verdict stands for: where no effect is named, the one before."""
-    return trace.after if verdict.judged else trace.before
 
 
 def sentence(trace: Trace, verdict: Verdict) -> str:
@@ -185,9 +179,9 @@ def _short(value: float) -> str:
     return f'{value:.3g}'
 
 
-def model_of(trace: Trace, verdict: Verdict, provenance: dict[str, Any]) -> Model:
-    """Make the model file of a verdict: the plant with the effects that were named."""
-    fit = final(trace, verdict)
+def model_of(trace: Trace, provenance: dict[str, Any]) -> Model:
+    """Make the model file of a trace: the plant with the effects that were named."""
+    fit = trace.after
     candidate = fit.candidate
     errors = _std_errors(fit)
     together = {name for c in candidate.plant.combinations for name in c}

@@ -31,6 +31,8 @@ WORTH = 0.01            # least share of the mean square error that an effect mu
 FINE = 0.2              # largest error of the time stepping, as a share of the residual
 FINEST = 16             # steps in a sample
 EVERY, LATER = 1000, 8  # effects fitted in full in the first round and later
+ENOUGH = 0.5            # least share of what is above the noise that effects must explain
+TOLD = 0.01             # p-value from which what is left follows what happens at the ports
 TRIED = 40              # starts tried in a round, for the correction
 
 
@@ -125,15 +127,17 @@ def trace(train: Recording, test: Recording, plant: Plant,
         base = finely(contenders[0].fit, parts)
         base, findings = prune(base, findings, parts)
     after = search(base.candidate, parts, 60) if findings else base
+    if findings and explained_share(before, after) < ENOUGH and foretold(after, parts)[1] < TOLD:
+        after, findings = before, []        # what explains a part only is not what is missing
     pieces = stretches(after)
-    depends_on = dependences(after, parts, unseen)
     return Trace(
         plant=plant, before=before, after=after, train=whole, test=unseen, fitted=parts,
         hidden=tuple(hidden(after, parts)), findings=tuple(findings),
         proof=improvement([before.candidate.residual(p) for p in unseen],
                           [after.candidate.residual(p) for p in unseen], seed),
         floor=noise_floor(pieces), white=is_white(pieces),
-        lines=tuple(lines(pieces, sample_time)), depends_on=tuple(depends_on),
+        lines=tuple(lines(pieces, sample_time)),
+        depends_on=tuple(dependences(after, parts, unseen)),
         drifts=drift(after), foretold=foretold(after, parts))
 
 
@@ -141,6 +145,12 @@ def candidate_of(model: Model) -> Candidate:
     """Take the values of a model."""
     return Candidate(model.plant, model.values, model.sample_time, model.placed,
                      dict(model.timing), model.substeps)
+
+
+def explained_share(before: Fit, after: Fit) -> float:
+    """Share of the mean square error above the noise that a later fit takes off."""
+    floor = noise_floor(stretches(after))
+    return (before.error**2 - after.error**2) / max(before.error**2 - floor**2, 1e-300)
 
 
 def earns(before: Fit, after: Fit, unseen: Sequence[Part], seed: int) -> bool:

@@ -11,7 +11,6 @@ LEFT = 0.01             # share of what is left, foretold by the ports, that mak
 LIKELY = 0.05           # p-value of that
 DRIFTS = 0.02           # share of what is left in a drift from which it is said
 TELLING = 3000.0        # power explained over the noise's, to tell a law from one a little off
-ENOUGH = 0.5            # share of what is above the noise that named effects must explain
 
 
 @dataclass(frozen=True)
@@ -46,9 +45,7 @@ def judge(trace: Trace) -> Verdict:
         (j.id, *[name for name, distance in j.rivals if distance < CLOSE])
         for j in judged if any(distance < CLOSE for _, distance in j.rivals))
     structured = is_structured(trace, 0.2 * LIKELY)
-    above = trace.before.error**2 - trace.floor**2
-    explained = trace.before.error**2 - trace.after.error**2
-    if judged and not (structured and explained < ENOUGH * above):
+    if judged:
         return Verdict('effect_found', judged, ambiguous)
     return Verdict('unexplained' if structured else 'nothing_missing', (), ())
 
