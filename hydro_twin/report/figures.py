@@ -24,7 +24,6 @@ from hydro_twin.report.chart import (
     View,
 )
 from hydro_twin.report.shape import illustrate_effect
-from hydro_twin.report.summary import final
 from hydro_twin.residual.structure import Dependence
 from hydro_twin.residual.trace import Trace
 from hydro_twin.residual.verdict import Verdict
@@ -50,7 +49,7 @@ class Run:
 
 def runs(trace: Trace, verdict: Verdict) -> list[Run]:
     """Run both models over all parts, those that were not fitted first."""
-    before, after = trace.before.candidate, final(trace, verdict).candidate
+    before, after = trace.before.candidate, trace.after.candidate
     labelled = [(f'{name} {k + 1}', part) for name, parts in
                 (('test', trace.test), ('training', trace.train)) for k, part in enumerate(parts)]
     found = []
@@ -62,7 +61,7 @@ def runs(trace: Trace, verdict: Verdict) -> list[Run]:
 
 def illustrations(trace: Trace, verdict: Verdict, ran: Sequence[Run]) -> list[Illustration]:
     """List the figures of the page, in its order."""
-    fit = final(trace, verdict)
+    fit = trace.after
     effects = [illustrate_effect(fit, fit.candidate.effects[judged.finding.index], trace.fitted)
                for judged in verdict.judged]
     found = [_dependence(trace, dependence) for dependence in trace.depends_on[:SHOWN]]

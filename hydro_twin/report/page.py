@@ -9,7 +9,6 @@ from jinja2 import Environment, PackageLoader, StrictUndefined
 
 from hydro_twin.fitting.free_run import Fit
 from hydro_twin.report.chart import AFTER, BEFORE, Illustration, plain
-from hydro_twin.report.summary import final
 from hydro_twin.residual.trace import Trace
 from hydro_twin.residual.verdict import CLOSE, FAR, Verdict
 
@@ -38,7 +37,7 @@ def page(trace: Trace, verdict: Verdict, summary: Mapping[str, Any],
     return environment.get_template('trace_page.html').render(
         plant=trace.plant, unit=trace.plant.output.unit, named=bool(verdict.judged),
         summary={**summary, 'effects': _effects(trace, verdict, summary)},
-        parameters=parameter_rows(trace.before, final(trace, verdict), summary['parameters']),
+        parameters=parameter_rows(trace.before, trace.after, summary['parameters']),
         provenance=provenance, illustrations=illustrations, series_parts=series_parts,
         parts=f'{len(trace.train)} parts fitted, {len(trace.test)} held out to test',
         colours={'before': BEFORE, 'after': AFTER}, close=CLOSE, far=FAR,

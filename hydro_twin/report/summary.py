@@ -179,9 +179,8 @@ def _short(value: float) -> str:
     return f'{value:.3g}'
 
 
-def model_of(trace: Trace, provenance: dict[str, Any]) -> Model:
-    """Make the model file of a trace: the plant with the effects that were named."""
-    fit = trace.after
+def model_of(trace: Trace, fit: Fit, provenance: dict[str, Any]) -> Model:
+    """Make the model file of one of a trace's fits, before or after."""
     candidate = fit.candidate
     errors = _std_errors(fit)
     together = {name for c in candidate.plant.combinations for name in c}

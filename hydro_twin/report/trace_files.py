@@ -17,7 +17,7 @@ from hydro_twin.report.figures import illustrations, Run, runs
 from hydro_twin.report.page import page
 from hydro_twin.report.summary import model_of, summarise
 from hydro_twin.residual.trace import Trace
-from hydro_twin.residual.verdict import judge, Verdict
+from hydro_twin.residual.verdict import judge
 
 FIGURES = 'figures'
 
@@ -50,10 +50,9 @@ def write_files(trace: Trace, folder: Path, provenance: dict[str, Any]) -> dict[
             write_series(trace, ran, new / 'series.csv')
             for illustration in drawn:
                 write_png(illustration, new / FIGURES / f'{illustration.name}.png')
-            write_model(model_of(trace, verdict, provenance), new / 'model.yaml')
+            write_model(model_of(trace, trace.after, provenance), new / 'model.yaml')
             if verdict.judged:
-                plain = Verdict(verdict.kind, (), ())
-                write_model(model_of(trace, plain, provenance), new / 'before.yaml')
+                write_model(model_of(trace, trace.before, provenance), new / 'before.yaml')
             if (folder / FIGURES).exists():         # those of another trace must not stay
                 (folder / FIGURES).replace(Path(beside) / 'old')
             for path in new.iterdir():
