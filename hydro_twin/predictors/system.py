@@ -44,7 +44,21 @@ class System:
         return np.zeros((8, max(n, m, len(self.plant.ports), self.memory, 2)))
 
     def start(self, inputs: FloatArray, output: float) -> FloatArray:
-        """Return the state at rest, shape (n,), that gives this output under these inputs (m,)."""
+        """Return the state at rest, shape (n,), that gives this output under these inputs (m,).
+
+        What effects add to the output in the state that the linear laws alone would take, as a
+        bias of the sensor does, is allowed for.
+        """
+        x = self._rest(inputs, output)
+        if len(self.active):
+            y = kernel.output(self.H, self.table, self.active, self.p, self.shift, x,
+                              np.zeros(self.memory), self.work(), inputs[None, :], 0)
+            added = y - float((self.laws.C @ x + self.laws.D @ inputs)[0])
+            x = self._rest(inputs, output - added)
+        return x
+
+    def _rest(self, inputs: FloatArray, output: float) -> FloatArray:
+        """Return the state at rest by the linear laws."""
         rest = [self.plant.states.index(name) for name in self.plant.at_rest]
         rows = np.vstack([self.laws.A[rest], self.laws.C])
         right = np.concatenate([-self.laws.B[rest] @ inputs, [output] - self.laws.D @ inputs])
