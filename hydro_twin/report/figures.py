@@ -47,7 +47,7 @@ class Run:
     after: FloatArray
 
 
-def runs(trace: Trace, verdict: Verdict) -> list[Run]:
+def runs(trace: Trace) -> list[Run]:
     """Run both models over all parts, those that were not fitted first."""
     before, after = trace.before.candidate, trace.after.candidate
     labelled = [(f'{name} {k + 1}', part) for name, parts in

@@ -26,6 +26,7 @@ def page(trace: Trace, verdict: Verdict, summary: Mapping[str, Any],
         provenance: bags with their SHA-256, command, seed and version.
         illustrations: the figures.
     """
+    unit = trace.plant.output.unit
     environment = Environment(loader=PackageLoader('hydro_twin', 'report'), autoescape=True,
                               undefined=StrictUndefined, trim_blocks=True, lstrip_blocks=True)
     environment.policies['json.dumps_kwargs'] = {'separators': (',', ':'), 'allow_nan': False}
@@ -35,7 +36,7 @@ def page(trace: Trace, verdict: Verdict, summary: Mapping[str, Any],
     series_parts = [part for part in ('train', 'test')
                     if all(part in row['before']['free_run'] for row in summary['series'])]
     return environment.get_template('trace_page.html').render(
-        plant=trace.plant, unit=trace.plant.output.unit, named=bool(verdict.judged),
+        plant=trace.plant, unit='' if unit == '1' else unit, named=bool(verdict.judged),
         summary={**summary, 'effects': _effects(trace, verdict, summary)},
         parameters=parameter_rows(trace.before, trace.after, summary['parameters']),
         provenance=provenance, illustrations=illustrations, series_parts=series_parts,

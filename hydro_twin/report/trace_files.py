@@ -36,7 +36,7 @@ def write_files(trace: Trace, folder: Path, provenance: dict[str, Any]) -> dict[
     """
     verdict = judge(trace)
     summary = summarise(trace, verdict)
-    ran = runs(trace, verdict)
+    ran = runs(trace)
     drawn = illustrations(trace, verdict, ran)
     html = page(trace, verdict, summary, provenance, drawn)
     try:
@@ -53,6 +53,8 @@ def write_files(trace: Trace, folder: Path, provenance: dict[str, Any]) -> dict[
             write_model(model_of(trace, trace.after, provenance), new / 'model.yaml')
             if verdict.judged:
                 write_model(model_of(trace, trace.before, provenance), new / 'before.yaml')
+            else:
+                (folder / 'before.yaml').unlink(missing_ok=True)
             if (folder / FIGURES).exists():         # those of another trace must not stay
                 (folder / FIGURES).replace(Path(beside) / 'old')
             for path in new.iterdir():

@@ -1,0 +1,87 @@
+"""The files of a trace: all there, right, and all or none."""
+from __future__ import annotations
+
+import csv
+import json
+
+import numpy as np
+import pytest
+from test_trace_page import PROVENANCE
+from trace_by_hand import trace
+
+from hydro_twin.errors import UserError
+from hydro_twin.model import read_model
+from hydro_twin.report import trace_files
+from hydro_twin.report.trace_files import write_files
+
+
+@pytest.fixture(scope='module')
+def found():
+    return trace('positioning', source='bags/one')
+
+
+def names(folder):
+    return sorted(str(path.relative_to(folder)) for path in folder.rglob('*') if path.is_file())
+
+
+def test_writes_all(tmp_path, found):
+    summary = write_files(found, tmp_path / 'out', PROVENANCE)
+    assert names(tmp_path / 'out') == [
+        'before.yaml', 'figures/effect_friction_motor.png', 'figures/output.png',
+        'figures/spectra.png', 'model.yaml', 'report.html', 'report.json', 'series.csv']
+    assert json.loads((tmp_path / 'out/report.json').read_text()) == summary
+    for picture in (tmp_path / 'out/figures').iterdir():
+        assert picture.read_bytes().startswith(b'\x89PNG')
+
+
+def test_the_models_are_those_before_and_after(tmp_path, found):
+    write_files(found, tmp_path, PROVENANCE)
+    before, after = (read_model(tmp_path / name) for name in ('before.yaml', 'model.yaml'))
+    assert before.effects == ()
+    assert [effect.placed.effect.id for effect in after.effects] == ['friction']
+    assert before.values['F_v'] == pytest.approx(found.before.candidate.values['F_v'])
+
+
+def test_the_series_hold_every_sample(tmp_path, found):
+    write_files(found, tmp_path, PROVENANCE)
+    with (tmp_path / 'series.csv').open() as stream:
+        rows = list(csv.DictReader(stream))
+    first = [row for row in rows if row['part'] == 'training 1']
+    part = found.train[0]
+    assert list(rows[0]) == ['part', 'bag', 'time', 'force', 'x', 'before', 'after']
+    assert len(rows) == sum(len(p.measured) for p in (*found.train, *found.test))
+    assert {row['bag'] for row in rows} == {'bags/one'}
+    for name, values in (('time', 0.001 * np.arange(len(part.measured))), ('x', part.measured),
+                         ('force', part.inputs[:, 0]),
+                         ('before', found.before.candidate.run(part)),
+                         ('after', found.after.candidate.run(part))):
+        np.testing.assert_allclose([float(row[name]) for row in first], values, rtol=1e-8,
+                                   atol=1e-15)
+
+
+def test_figures_of_an_earlier_trace_go(tmp_path, found):
+    write_files(found, tmp_path, PROVENANCE)
+    (tmp_path / 'mine.txt').write_text('kept')
+    write_files(trace('positioning', found=False), tmp_path, PROVENANCE)
+    assert names(tmp_path) == [
+        'figures/left_command_value.png', 'figures/output.png', 'figures/spectra.png', 'mine.txt',
+        'model.yaml', 'report.html', 'report.json', 'series.csv']
+
+
+def test_nothing_is_replaced_before_all_is_made(tmp_path, found, monkeypatch):
+    write_files(found, tmp_path, PROVENANCE)
+    before = {name: (tmp_path / name).read_bytes() for name in names(tmp_path)}
+
+    def full(*_):
+        raise OSError(28, 'No space left on device')
+
+    monkeypatch.setattr(trace_files, 'write_png', full)
+    with pytest.raises(UserError, match='cannot be written \\(No space left'):
+        write_files(trace('positioning', found=False), tmp_path, PROVENANCE)
+    assert {name: (tmp_path / name).read_bytes() for name in names(tmp_path)} == before
+
+
+def test_a_folder_that_cannot_be_made(tmp_path, found):
+    (tmp_path / 'file').write_text('')
+    with pytest.raises(UserError, match='cannot be written'):
+        write_files(found, tmp_path / 'file' / 'out', PROVENANCE)

@@ -1,0 +1,201 @@
+"""The page of a trace: stands alone, says every number, and works in a browser."""
+from __future__ import annotations
+
+from html.parser import HTMLParser
+import json
+from pathlib import Path
+import re
+import shutil
+import subprocess
+
+import pytest
+from trace_by_hand import EFFECTS, trace
+
+from hydro_twin.report.figures import illustrations, runs
+from hydro_twin.report.page import page, parameter_rows, percent, short, spread
+from hydro_twin.report.summary import summarise
+from hydro_twin.residual.verdict import judge
+
+PROVENANCE = {'bags': [{'path': 'a <bag>', 'sha256': '0123abcd' * 8}], 'test_bags': [], 'seed': 7,
+              'command': 'hydro-twin trace "a <bag>"', 'version': '1.2.3'}
+CASES = [(name, found) for name in EFFECTS for found in (True, False)]
+
+
+def written(name, found, **more):
+    made = trace(name, found, **more)
+    verdict = judge(made)
+    summary = summarise(made, verdict)
+    figures = illustrations(made, verdict, runs(made))
+    return page(made, verdict, summary, PROVENANCE, figures), summary
+
+
+@pytest.fixture(scope='module', params=CASES, ids=lambda case: f'{case[0]}-{case[1]}')
+def case(request):
+    return (*request.param, *written(*request.param))
+
+
+class Tags(HTMLParser):
+    """Collects what the page refers to and says, and checks that its tags close."""
+
+    EMPTY = ('meta', 'link', 'br')
+
+    def __init__(self):
+        super().__init__()
+        self.references, self.open, self.said = [], [], []
+
+    def handle_starttag(self, tag, attrs):
+        self.references += [value for name, value in attrs if name in ('src', 'href', 'action')]
+        if tag not in self.EMPTY:
+            self.open.append(tag)
+
+    def handle_endtag(self, tag):
+        assert self.open.pop() == tag
+
+    def handle_data(self, data):
+        if self.open and self.open[-1] not in ('script', 'style'):
+            self.said.append(data)
+
+
+def read(text):
+    tags = Tags()
+    tags.feed(text)
+    assert tags.open == []
+    return tags.references, ' '.join(' '.join(tags.said).split())
+
+
+def leaves(value):
+    if isinstance(value, dict):
+        return [leaf for one in value.values() for leaf in leaves(one)]
+    if isinstance(value, list):
+        return [leaf for one in value for leaf in leaves(one)]
+    return [value]
+
+
+def test_refers_to_nothing_outside(case):
+    *_, text, _ = case
+    references, _ = read(text)
+    assert references == ['data:,']
+    assert not re.search(r'https?:|//[a-z]|@import|url\(|fetch\(|XMLHttpRequest', text)
+
+
+def test_says_every_number_of_the_report(case):
+    *_, text, summary = case
+    _, said = read(text)
+    for value in leaves(summary):
+        if isinstance(value, float):
+            forms = {short(value), spread(value), percent(value), f'{value:.2g}', '< 1e-99'}
+            assert any(form in said for form in forms), value
+        elif isinstance(value, str):
+            assert value.replace('_', ' ').lower() in said.replace('_', ' ').lower()
+
+
+def test_begins_with_the_verdict_and_the_two_numbers(case):
+    _, found, text, summary = case
+    assert summary['verdict'] == ('effect_found' if found else 'unexplained')
+    _, said = read(text)
+    begin = said[said.index(summary['says']):][:len(summary['says']) + 100]
+    assert short(summary['before']['free_run']['test']) in begin
+    assert short(summary['after']['free_run']['test']) in begin
+
+
+def test_says_where_it_comes_from_and_escapes_it(case):
+    *_, text, _ = case
+    assert 'a &lt;bag&gt;' in text
+    assert 'turn it &lt;slowly&gt; &amp; far' in text
+    assert PROVENANCE['bags'][0]['sha256'] in text
+    assert '1.2.3, seed 7' in text
+
+
+def test_its_size():
+    text, _ = written('load_simulator', True, seconds=4.5)
+    assert len(text.encode()) < 2_000_000
+
+
+def test_how_much_what_is_lacking_bent_the_parameters():
+    made = trace('positioning')
+    summary = summarise(made, judge(made))
+    rows = parameter_rows(made.before, made.after, summary['parameters'])
+    viscous = next(row for row in rows if row['name'] == 'F_v')
+    values = [fit.candidate.values['F_v'] for fit in (made.before, made.after)]
+    assert viscous['shift'] == pytest.approx(values[0] / values[1] - 1.0)
+    assert viscous['shift'] > 0.1                # viscous friction stood in for the dry one
+
+
+def test_a_combination_is_known_as_well_as_the_one_that_was_searched():
+    made = trace('valve_servo')
+    summary = summarise(made, judge(made))
+    row = parameter_rows(made.before, made.after, summary['parameters'])[-1]
+    values = made.after.candidate.values
+    assert row['name'] == 'T_c / k_1'
+    assert row['after']['value'] == pytest.approx(values['T_c'] / values['k_1'])
+    assert 0.0 < row['after']['std_error'] < 0.1 * row['after']['value']
+
+
+HARNESS = """<script>
+const wrong = [];
+addEventListener('error', event => wrong.push(event.message));
+for (const level of ['error', 'warn']) console[level] = (...what) => wrong.push(what.join(' '));
+addEventListener('load', () => setTimeout(() => {
+  const told = {};
+  const pixels = canvas => canvas.toDataURL();
+  const figures = [...document.querySelectorAll('figure > div')];
+  told.names = figures.map(figure => figure.id);
+  told.widths = [document.documentElement.scrollWidth, document.documentElement.clientWidth];
+  told.zoomed = figures.map(figure => {
+    const canvases = [...figure.querySelectorAll('canvas')], first = canvases[0];
+    const whole = figure.querySelector('.bar button');
+    const box = first.getBoundingClientRect();
+    const point = (type, share) => first.dispatchEvent(new PointerEvent(type, {
+      bubbles: true, button: 0, clientX: box.left + share * box.width, clientY: box.top + 50}));
+    const before = canvases.map(pixels), hidden = whole.hidden;
+    point('pointerdown', 0.4); point('pointermove', 0.6); point('pointerup', 0.6);
+    const during = canvases.map(pixels), shown = !whole.hidden;
+    first.dispatchEvent(new MouseEvent('dblclick', {bubbles: true}));
+    const after = canvases.map(pixels), again = whole.hidden;
+    first.dispatchEvent(new KeyboardEvent('keydown', {key: '+', bubbles: true}));
+    const keyed = !whole.hidden;
+    whole.click();
+    return hidden && shown && again && keyed && whole.hidden &&
+      before.every((image, k) => image !== during[k] && image === after[k]);
+  });
+  const select = document.querySelector('select');
+  const drawn = () => pixels(document.querySelector('canvas'));
+  const first = drawn();
+  select.value = '1';
+  select.dispatchEvent(new Event('change'));
+  told.other = first !== drawn();
+  const key = document.querySelector('.legend button'), full = drawn();
+  key.click();
+  told.hides = full !== drawn();
+  told.wrong = wrong;
+  document.body.append(Object.assign(document.createElement('pre'),
+    {id: 'told', textContent: JSON.stringify(told)}));
+}, 200));
+</script>"""
+
+
+@pytest.mark.slow
+@pytest.mark.skipif(not shutil.which('chromium'), reason='needs chromium')
+@pytest.mark.parametrize('width', [390, 1400])
+@pytest.mark.parametrize('found', [True, False])
+def test_opens_in_a_browser_and_zooms(tmp_path, width, found):
+    text, _ = written('load_simulator', found)
+    path = tmp_path / 'report.html'
+    path.write_text(text.replace('<head>', f'<head>{HARNESS}'), encoding='utf-8')
+    flags = ['headless', 'no-sandbox', 'disable-gpu', 'disable-quic', 'no-first-run',
+             'disable-background-networking', 'disable-component-update', 'disable-sync',
+             'enable-logging=stderr', f'user-data-dir={tmp_path / "profile"}',
+             f'window-size={width},900', 'virtual-time-budget=5000', 'dump-dom']
+    done = subprocess.run(['chromium', *(f'--{flag}' for flag in flags), path.as_uri()],
+                          capture_output=True, text=True, timeout=120, check=True)
+    assert 'CONSOLE' not in done.stderr
+    match = re.search(r'<pre id="told">(.*?)</pre>', done.stdout)
+    assert match, done.stderr
+    told = json.loads(match[1].replace('&amp;', '&'))
+    assert told['wrong'] == []
+    assert all(told['zoomed'])
+    assert len(told['zoomed']) == (4 if found else 3)
+    assert told['other']
+    assert told['hides']
+    assert told['widths'][0] <= told['widths'][1]           # nothing sticks out to the side
+    assert Path(path).stat().st_size < 2_000_000

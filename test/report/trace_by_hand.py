@@ -1,0 +1,73 @@
+"""Traces put together by hand, so that what a report says of them can be checked quickly."""
+from __future__ import annotations
+
+import numpy as np
+
+from hydro_twin.fitting.free_run import Candidate, Part
+from hydro_twin.model import place
+from hydro_twin.plants import plant_named
+from hydro_twin.residual.noise import is_white, Line, noise_floor
+from hydro_twin.residual.proof import improvement
+from hydro_twin.residual.screen import Hidden
+from hydro_twin.residual.select import Contender, search, stretches
+from hydro_twin.residual.structure import Dependence
+from hydro_twin.residual.trace import Finding, Trace
+
+# For each plant, effects that show under the inputs below, and one that is tried in their place.
+EFFECTS = {
+    'load_simulator': ([('friction', 'motor', {'coulomb': 10.0}),
+                        ('delay', 'command', {'time': 0.006})],
+                       ('bias', 'motor', {'offset': 1.0})),
+    'valve_servo': ([('saturation', 'stem', {'lower': -10.0, 'upper': 0.6})],
+                    ('bias', 'sensor', {'offset': 0.01})),
+    'cylinder': ([('asymmetry', 'piston', {'imbalance': 0.2})],
+                 ('bias', 'sensor', {'offset': 0.01})),
+    'positioning': ([('friction', 'motor', {'coulomb': 20.0})],
+                    ('bias', 'motor', {'offset': 1.0})),
+}
+SIZE = {'load_simulator': 2.0, 'valve_servo': 1.0, 'cylinder': 1.0, 'positioning': 100.0}
+
+
+def candidate(name, effects=()):
+    plant = plant_named(name)
+    values = {p.name: np.sqrt(p.lower * p.upper) for p in plant.parameters}
+    return Candidate(plant, {**plant.constant_values(), **values}, plant.sample_time,
+                     tuple(place(*effect, plant) for effect in effects))
+
+
+def parts(truth, seconds, noise, seed, source='a bag'):
+    """Run a candidate under three sinusoids, with noise as a share of the output."""
+    rng = np.random.default_rng(seed)
+    made = []
+    for hertz in (1.0, 2.0, 3.0):
+        time = truth.sample_time * np.arange(round(seconds / truth.sample_time))
+        inputs = np.zeros((len(time), len(truth.plant.inputs)))
+        inputs[:, 0] = SIZE[truth.plant.name] * np.sin(2 * np.pi * hertz * time)
+        output = truth.system.run(inputs, truth.system.start(inputs[0], 0.0))
+        made.append(Part(inputs, output + noise * np.std(output) * rng.standard_normal(len(time)),
+                         source))
+    return made
+
+
+def trace(name, found=True, seconds=0.6, source='a bag'):
+    """Put a trace together: the effects found, or the same data with nothing found."""
+    effects, rival = EFFECTS[name]
+    truth = candidate(name, effects)
+    train, test = (parts(truth, seconds, 0.01, seed, source) for seed in (1, 2))
+    before = search(candidate(name), train, 10)
+    after = search(truth, train, 3) if found else before
+    other = Contender(search(candidate(name, [rival]), train, 3))
+    port = truth.plant.ports[0]
+    return Trace(
+        plant=truth.plant, before=before, after=after, train=train, test=test, fitted=train,
+        hidden=(Hidden('ripple', 'motor', 'turn it <slowly> & far'),),
+        findings=tuple(Finding(k, 1.25e-30, 0.875, 321.0, ((other, 43.25 + k),))
+                       for k in range(len(effects))) if found else (),
+        proof=improvement([before.candidate.residual(p) for p in test],
+                          [after.candidate.residual(p) for p in test], 0),
+        floor=noise_floor(stretches(after)), white=is_white(stretches(after)),
+        lines=() if found else (Line(50.25, 0.125),),
+        depends_on=() if found else (
+            Dependence(port.name, 'value', 0.625, 0.5, 3.5e-7, np.linspace(-1.0, 1.0, 5),
+                       np.arange(5.0)),),
+        drifts=(0.001, 0.5), foretold=(0.002, 0.75))
