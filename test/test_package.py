@@ -13,7 +13,7 @@ from hydro_twin.share import share_folder
 
 ROOT = Path(__file__).resolve().parents[1]
 MANIFEST = ET.parse(ROOT / 'package.xml').getroot()
-KEYS = {   # name on PyPI -> rosdep key, where there is one
+KEYS = {   # name of the distribution -> rosdep key, where there is one
     'jinja2': 'python3-jinja2',
     'matplotlib': 'python3-matplotlib',
     'numba': 'python3-numba',
@@ -66,6 +66,21 @@ def test_every_library_used_is_a_dependency():
     modules = {'yaml': 'pyyaml'}
     foreign = imported('hydro_twin') - set(sys.stdlib_module_names) - ROS
     assert {modules.get(name, name) for name in foreign} <= {*KEYS, 'hydro_twin', 'torch'}
+
+
+def test_every_folder_of_modules_is_installed():
+    assert {path.parent for path in (ROOT / 'hydro_twin').rglob('*.py')} == {
+        path.parent for path in (ROOT / 'hydro_twin').rglob('__init__.py')}
+
+
+def test_the_node_says_where_ros_comes_from():
+    code = (f'import sys; sys.modules.update(dict.fromkeys({sorted(ROS)}))\n'
+            "from hydro_twin.commands.main import main; sys.exit(main(['node']))")
+    done = subprocess.run([sys.executable, '-c', code], capture_output=True, text=True,
+                          check=False)
+    assert done.returncode == 2
+    assert done.stderr.endswith("source ROS 2 Jazzy, or install 'hydro_twin[ros]'\n")
+    assert done.stderr.count('\n') == 1
 
 
 def test_a_plain_install_has_one_command():

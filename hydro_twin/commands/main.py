@@ -37,8 +37,10 @@ VERBS = {   # verb -> its module, what it does
     'import': ('import_', 'make a bag of a CSV or MAT table'),
     'compare': ('compare', 'compare predictors and methods over repeated runs'),
 }
+ROS = "source ROS 2 Jazzy, or install 'hydro_twin[ros]'"
 REMEDIES = {   # module that a plain install may lack -> where it comes from
-    'rclpy': "source ROS 2 Jazzy, or install 'hydro_twin[ros]'",
+    'diagnostic_msgs': ROS,
+    'rclpy': ROS,
     'torch': "install 'hydro_twin[learn]'",
 }
 

@@ -1,0 +1,1 @@
+"""The same result for a person: figures, tables, pages."""
