@@ -209,8 +209,7 @@ def test_the_verb_keeps_its_contract(files, tmp_path, capsys):
     assert verb(capsys, 'refit', files / 'bag', '--plant', PLANT.name, '-o', linear)[0] == 0
     before = verb(capsys, 'replay', files / 'bag', '--model', linear)[1]
     after = verb(capsys, 'replay', files / 'bag', '--model', out / 'model.yaml')[1]
-    for kind in ('one_step', 'free_run'):
-        assert after[kind]['rmse'] < 0.75 * before[kind]['rmse']
+    assert after['free_run']['rmse'] < 0.5 * before['free_run']['rmse']
 
     # From the repaired model on, nothing is missing.
     status, again, _ = verb(capsys, 'trace', files / 'bag', '--plant', PLANT.name, '--model',
