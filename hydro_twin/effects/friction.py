@@ -24,9 +24,14 @@ def law(v, s, p, z, h, c, z_next):  # type: ignore[no-untyped-def]
     free = s[0]
     rigid = math.isinf(sigma)
     stopping = free / c if rigid else sigma * (z[0] + h * free) / (1.0 + sigma * h * c)
-    sliding = max(abs(free) - c * F_c, 0.0)
-    g = F_c + F_s * math.exp(-(sliding / v_s) ** 2)
+    # The sliding force is that of the mean velocity over the step, which is of second order.
+    before = max(math.copysign(1.0, free) * z[1], 0.0)
+    g = F_c + F_s * math.exp(-(before / v_s) ** 2)
+    for _ in range(2):
+        after = max(abs(free) - c * g, 0.0)
+        g = F_c + F_s * math.exp(-(0.5 * (before + after) / v_s) ** 2)
     force = min(max(stopping, -g), g)
+    z_next[1] = free - c * force
     if not rigid:
         z_next[0] = force / sigma
     return v - force
@@ -65,6 +70,6 @@ EFFECT = Effect(
     excitation='let the velocity change sign slowly under load',
     refined=refined,
     law=law,
-    memory=1,
+    memory=2,
     implicit=True,
 )
