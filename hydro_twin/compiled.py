@@ -29,7 +29,7 @@ def cache_folder() -> Path:
     """
     digest = hashlib.sha256()
     for path in sources():
-        digest.update(path.read_bytes())
+        digest.update(path.name.encode() + path.read_bytes())
     base = Path(os.environ.get('XDG_CACHE_HOME') or Path.home() / '.cache')
     folder = base / 'hydro_twin' / digest.hexdigest()[:16]
     try:
