@@ -28,9 +28,9 @@ def apply(key, v, parameters, signals=()):
         for k, value in enumerate(v)])
 
 
-def remember(key, v, parameters, memory):
+def remember(key, v, parameters):
     """Evaluate a law with memory along a sequence."""
-    z, out = np.zeros(memory), []
+    z, out = np.zeros(AT[key].memory), []
     for value in v:
         z_next = z.copy()
         out.append(law(key)(value, np.zeros(2), np.array(parameters), z, 1e-3, 0.0, z_next))
@@ -127,7 +127,7 @@ def play(values, half_width):
 
 @given(st.lists(number, min_size=1, max_size=40), above)
 def test_play_is_a_sleeve_on_a_rod(values, gap):
-    np.testing.assert_allclose(remember(('backlash', 'stem'), values, [gap], 1),
+    np.testing.assert_allclose(remember(('backlash', 'stem'), values, [gap]),
                                play(values, gap), atol=1e-12)
 
 
@@ -135,7 +135,7 @@ def test_play_is_a_sleeve_on_a_rod(values, gap):
 def test_hysteresis_is_play_on_the_part_that_is_bound(values, width, slope):
     v = np.array(values)
     expected = (1 - slope) * v + play(slope * v, width)
-    np.testing.assert_allclose(remember(('hysteresis', 'command'), v, [width, slope], 2),
+    np.testing.assert_allclose(remember(('hysteresis', 'command'), v, [width, slope]),
                                expected, atol=1e-12)
 
 
@@ -145,16 +145,19 @@ def test_hysteresis_does_not_know_time(values, times):
     slow = np.interp(np.arange((len(values) - 1) * times + 1) / times, np.arange(len(values)),
                      values)
     key, parameters = ('hysteresis', 'command'), [1.0, 0.7]
-    start = remember(key, np.array(values), parameters, 2)
-    again = remember(key, np.concatenate([values[:1], slow[1:]]), parameters, 2)
+    start = remember(key, np.array(values), parameters)
+    again = remember(key, np.concatenate([values[:1], slow[1:]]), parameters)
     np.testing.assert_allclose(again[::times], start, atol=1e-12)
 
 
 def rub(free, compliance, parameters, z=0.0, h=5e-4):
-    """Friction at the end of a step: its force and the bending of the bristles."""
-    z_next = np.array([z])
-    force = -law(('friction', 'force'))(0.0, np.array([free, 0.0]), np.array(parameters),
-                                        np.array([z]), h, compliance, z_next)
+    """Friction at the end of a step from rest: its force, and the bending of the bristles."""
+    friction = AT['friction', 'force']
+    memory = np.zeros(friction.memory)
+    memory[0] = z
+    z_next = memory.copy()
+    force = -friction.law(0.0, np.array([free, 0.0]), np.array(parameters), memory, h, compliance,
+                          z_next)
     return force, z_next[0]
 
 
