@@ -74,7 +74,7 @@ def test_all_together_without_strength_are_the_linear_model(plant):
 def test_halving_the_step_changes_little(site):
     """From weak to dominant: 4 steps in a sample differ from 8 by 0.1 % of the output (RMS).
 
-    With friction, whose sticking begins and ends within a step, by 0.3 %.
+    With friction, whose sticking begins and ends within a step, by 0.5 %.
     """
     plant, effect, port = site
     inputs = smooth(plant)
@@ -91,7 +91,7 @@ def test_halving_the_step_changes_little(site):
         placed = [Placed(effect, port, strength)]
         coarse, fine = run(plant, placed, 4, inputs), run(plant, placed, 8, inputs)
         assert np.isfinite(fine).all()
-        tolerance = 3e-3 if effect.implicit else 1e-3
+        tolerance = 5e-3 if effect.implicit else 1e-3
         assert rms(coarse - fine) < tolerance * rms(fine)
         largest = max(largest, rms(fine - part.measured) / rms(part.measured))
     assert largest > 1e-3, 'no strength moved the output'
