@@ -6,13 +6,11 @@ BAG := bags/rig_a
 
 .PHONY: demo test bags picture
 
-# Fits the linear model to a recording, finds what it lacks, and compares the two.
+# Fits the linear model to a recording, finds what it lacks, adds that, and compares the two.
 demo: $(UV)
 	@echo 'The first run sets up .venv (a minute or less) and compiles (about 10 s).' >&2
-	@mkdir -p out
-	$(RUN) hydro-twin refit $(BAG) --plant load_simulator -o out/linear.yaml
 	$(RUN) hydro-twin trace $(BAG) --plant load_simulator -o out
-	$(RUN) hydro-twin replay $(BAG) --model out/model.yaml --beside out/linear.yaml \
+	$(RUN) hydro-twin replay $(BAG) --model out/model.yaml --beside out/before.yaml \
 		--picture out/picture.png
 	@echo "See out/report.html and out/picture.png."
 

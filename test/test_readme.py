@@ -76,7 +76,7 @@ def test_commands_run_in_their_order(folder: Path, environment: dict[str, str]) 
                                 capture_output=True, check=False)
         assert result.returncode == 0, f'{command}\n{result.stderr}'
     assert {shlex.split(command)[1] for command in done} >= {*VERBS} - {'node'}
-    for made in ('run', 'linear.yaml', 'traced/report.html', 'predicted', 'replay.png', 'practice',
+    for made in ('run', 'model.yaml', 'traced/report.html', 'predicted', 'replay.png', 'practice',
                  'compared/comparison.html'):
         assert (folder / made).exists()
 
