@@ -115,4 +115,3 @@ def test_a_chart_for_the_script_gives_back_its_points():
     x = told['x']['start'] + told['x']['step'] * np.arange(len(told['y']))
     np.testing.assert_allclose(x, curve.x)
     np.testing.assert_allclose(told['y'], curve.y, rtol=1e-5)
-
