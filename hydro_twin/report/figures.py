@@ -108,12 +108,11 @@ def _dependence(trace: Trace, found: Dependence) -> Illustration:
                 and (found.signal == 'value' or found.signal in port.signals))
     what = port.meaning if found.signal == 'value' else found.signal.replace('_', ' ')
     unit = port.unit if found.signal == 'value' else port.signals[found.signal]
-    unseen = f'{found.held_out:.1%}' if found.held_out > 0.0 else 'nothing'
     return Illustration(
         f'left_{found.port}_{found.signal}', f'Found, not explained: {what} at the {found.port}',
         f'A free curve that would have to be added to the {port.meaning}. It explains '
-        f'{found.share:.1%} of what is left, and {unseen} on data it was not fitted '
-        f'to. What re-tuning could do is left out, so a straight line more or less means nothing.',
+        f'{found.share:.1%} of what is left, in blocks that it was not fitted to. What re-tuning '
+        f'could do is left out, so a straight line more or less means nothing.',
         (View('', (Chart(axis(what, unit), axis('added', port.unit), (
             Curve('free curve', found.knots, found.curve, FOUND),)),)),))
 

@@ -41,7 +41,7 @@ def summarise(trace: Trace, verdict: Verdict) -> dict[str, Any]:
             'white': trace.white,
             'lines_hz': [line.frequency for line in trace.lines],
             'depends_on': [{'port': d.port, 'signal': d.signal, 'share': d.share,
-                            'held_out': d.held_out, 'p_value': d.p_value}
+                            'p_value': d.p_value}
                            for d in trace.depends_on],
             'drifts': drifts(trace),
             'foretold': {'share': trace.foretold[0], 'p_value': trace.foretold[1]},
@@ -52,17 +52,17 @@ def summarise(trace: Trace, verdict: Verdict) -> dict[str, Any]:
 
 def sentence(trace: Trace, verdict: Verdict) -> str:
     """Say the verdict to a person, in one sentence."""
-    unit = trace.plant.output.unit
+    unit = '' if trace.plant.output.unit == '1' else f' {trace.plant.output.unit}'
+    test = [rms(np.concatenate([c.residual(p) for p in trace.test]))
+            for c in (trace.before.candidate, trace.after.candidate)]
     if verdict.kind == 'nothing_missing':
-        return (f'Nothing is missing: the linear model leaves {_short(trace.before.error)} '
-                f'{unit}, and no effect earns its place on data it was not fitted to.')
+        return (f'Nothing is missing: the linear model leaves {_short(test[0])}{unit} on data it '
+                f'was not fitted to, and no effect earns its place there.')
     if verdict.kind == 'unexplained':
         return (f'Something is left that no known effect explains: {remainder_sentence(trace)}.')
     named = ' and '.join(_named(j) for j in verdict.judged)
-    test = [rms(np.concatenate([c.residual(p) for p in trace.test]))
-            for c in (trace.before.candidate, trace.after.candidate)]
     return (f'The model lacks {named}: with it, the free-run error on data it was not fitted to '
-            f'falls from {_short(test[0])} to {_short(test[1])} {unit}.')
+            f'falls from {_short(test[0])} to {_short(test[1])}{unit}.')
 
 
 def _named(judged: Judged) -> str:

@@ -135,8 +135,9 @@ def hidden(fit: Fit, parts: Sequence[Part]) -> list[Hidden]:
     for effect, port in places(fit.candidate.plant, fit.candidate.effects):
         shows = strongest.get((effect, port.name), 0.0)
         if shows < VISIBLE or effect.beyond_reach:
+            unit = '' if port.unit == '1' else f' {port.unit}'
             says = effect.excitation if shows < VISIBLE else (
-                f'the {port.name} reached {reach[port].value:.3g} {port.unit}; '
+                f'the {port.name} reached {reach[port].value:.3g}{unit}; '
                 f'a limit beyond that cannot show')
             found.append(Hidden(effect.id, port.name, says))
     return found

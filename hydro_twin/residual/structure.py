@@ -34,7 +34,6 @@ class Dependence:
     Attributes:
         signal: 'value' of the port, or a signal there.
         share: of the residual's power, foretold across blocks of the parts that were fitted.
-        held_out: the same on parts that were not, by the curve found on those that were.
         p_value: of the share under noise, for all dependences tried.
         knots, curve: the signal and what is added to the value of the port there.
     """
@@ -42,7 +41,6 @@ class Dependence:
     port: str
     signal: str
     share: float
-    held_out: float
     p_value: float
     knots: FloatArray
     curve: FloatArray
@@ -65,7 +63,7 @@ def hats(values: FloatArray, knots: FloatArray) -> FloatArray:
     return np.stack([np.interp(values, knots, row) for row in np.eye(len(knots))], axis=1)
 
 
-def dependences(fit: Fit, train: Sequence[Part], test: Sequence[Part]) -> list[Dependence]:
+def dependences(fit: Fit, parts: Sequence[Part]) -> list[Dependence]:
     """Find what the residual of a fit depends on, the strongest first.
 
     Only dependences are returned that foretell blocks of the residual that they were not fitted
@@ -73,28 +71,25 @@ def dependences(fit: Fit, train: Sequence[Part], test: Sequence[Part]) -> list[D
     """
     candidate = fit.candidate
     carry = to_output(candidate)
-    seen_train, seen_test = _observe(candidate, train), _observe(candidate, test)
-    left_over = [candidate.residual(part) for part in test]
+    observed = _observe(candidate, parts)
     basis, _ = np.linalg.qr(fit.jacobian)
     groups = _groups(candidate)
     found = []
     for port, name, row in groups:
-        reach = np.concatenate([seen[:, row] for seen in seen_train])
+        reach = np.concatenate([seen[:, row] for seen in observed])
         low, high = np.quantile(reach, [0.001, 0.999])
         if not high - low > 1e-12 * max(abs(low), abs(high), 1e-300):
             continue
         knots = np.linspace(low, high, HATS)
         filter_ = carry.b[:, port]
         columns = np.concatenate([_carried(hats(seen[:, row], knots), filter_, carry.a)
-                                  for seen in seen_train])
+                                  for seen in observed])
         weights, share, p_value = explained(columns, fit.residual, basis)
         p_value = min(1.0, p_value * len(groups))
         if p_value > LEVEL or share < WORTH:
             continue
-        unseen = [_carried(hats(seen[:, row], knots), filter_, carry.a) @ weights
-                  for seen in seen_test]
-        found.append(Dependence(candidate.plant.ports[port].name, name, share,
-                                _held_out(unseen, left_over), p_value, knots, weights))
+        found.append(Dependence(candidate.plant.ports[port].name, name, share, p_value, knots,
+                                weights))
     return sorted(found, key=lambda d: -d.share)
 
 
@@ -189,14 +184,6 @@ def _carried(columns: FloatArray, b: FloatArray, a: FloatArray) -> FloatArray:
     carried = signal.lfilter(b, np.concatenate([[1.0], a]), columns - columns[:1], axis=0)
     scored: FloatArray = carried[START:]
     return scored
-
-
-def _held_out(predicted: Sequence[FloatArray], residuals: Sequence[FloatArray]) -> float:
-    """Share of the test residual's power that a prediction takes off, best scale left out."""
-    before = sum(float(np.sum((r - r.mean()) ** 2)) for r in residuals)
-    after = sum(float(np.sum((r - p - (r - p).mean()) ** 2))
-                for r, p in zip(residuals, predicted, strict=True))
-    return 1.0 - after / before if before > 0.0 else 0.0
 
 
 def foretold(fit: Fit, parts: Sequence[Part]) -> tuple[float, float]:

@@ -118,7 +118,12 @@ def trace(train: Recording, test: Recording, plant: Plant,
     findings: list[Finding] = []
     while len(findings) < MOST:
         contenders = contend(base, parts, LATER if findings else EVERY, not findings, progress)
-        if not contenders or not earns(base, contenders[0].fit, unseen, seed):
+        if not contenders:
+            break
+        base = without_last(base, contenders[0].fit, parts)
+        if model is None and not findings:
+            before = base
+        if not earns(base, contenders[0].fit, unseen, seed):
             break
         found = finding(base, contenders, len(base.candidate.effects))
         if findings and nearest(found, contenders[0].id) < CLEARLY:
@@ -137,7 +142,7 @@ def trace(train: Recording, test: Recording, plant: Plant,
                           [after.candidate.residual(p) for p in unseen], seed),
         floor=noise_floor(pieces), white=is_white(pieces),
         lines=tuple(lines(pieces, sample_time)),
-        depends_on=tuple(dependences(after, parts, unseen)),
+        depends_on=tuple(dependences(after, parts)),
         drifts=drift(after), foretold=foretold(after, parts))
 
 
@@ -153,15 +158,24 @@ def explained_share(before: Fit, after: Fit) -> float:
     return (before.error**2 - after.error**2) / max(before.error**2 - floor**2, 1e-300)
 
 
+def without_last(base: Fit, better: Fit, parts: Sequence[Part]) -> Fit:
+    """Search the base once more from where an effect has led; the better of the two.
+
+    What a longer search alone gains must not be credited to the effect.
+    """
+    candidate = replace(better.candidate, effects=better.candidate.effects[:-1])
+    return min(base, search(candidate, parts, 40), key=lambda fit: fit.cost)
+
+
 def earns(before: Fit, after: Fit, unseen: Sequence[Part], seed: int) -> bool:
     """Whether an effect earns its place: likely, worth it, and so on data it did not fit."""
     if gain_p_value(before, after, TRIED) > LEVEL:
         return False
     if 1.0 - (after.error / before.error) ** 2 < WORTH:
         return False
-    held_out = improvement([before.candidate.residual(p) for p in unseen],
-                           [after.candidate.residual(p) for p in unseen], seed)
-    return held_out.low > 0.0
+    on_unseen = improvement([before.candidate.residual(p) for p in unseen],
+                            [after.candidate.residual(p) for p in unseen], seed)
+    return on_unseen.low > 0.0
 
 
 def finding(before: Fit, contenders: Sequence[Contender], index: int) -> Finding:

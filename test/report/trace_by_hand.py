@@ -68,6 +68,6 @@ def trace(name, found=True, seconds=0.6, source='a bag'):
         floor=noise_floor(stretches(after)), white=is_white(stretches(after)),
         lines=() if found else (Line(50.25, 0.125),),
         depends_on=() if found else (
-            Dependence(port.name, 'value', 0.625, 0.5, 3.5e-7, np.linspace(-1.0, 1.0, 5),
+            Dependence(port.name, 'value', 0.625, 3.5e-7, np.linspace(-1.0, 1.0, 5),
                        np.arange(5.0)),),
         drifts=(0.001, 0.5), foretold=(0.002, 0.75))
