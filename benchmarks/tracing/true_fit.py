@@ -11,15 +11,8 @@ from benchmarks.tracing.draws import Built
 from benchmarks.tracing.rigs import BOX, Rig
 from benchmarks.tracing.signals import FloatArray
 from hydro_twin.effects import EFFECTS, Placed
-from hydro_twin.fitting.free_run import (
-    Candidate,
-    effect_unknowns,
-    parts_of,
-    plant_unknowns,
-    Problem,
-    rms,
-    timing_unknowns,
-)
+from hydro_twin.fitting.candidate import Candidate, parts_of, rms
+from hydro_twin.fitting.free_run import effect_unknowns, plant_unknowns, Problem, timing_unknowns
 from hydro_twin.plants.load_simulator import LOAD_SIMULATOR
 from hydro_twin.recording.series import Recording, split_thirds
 

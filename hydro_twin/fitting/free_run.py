@@ -4,144 +4,21 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
-from functools import cached_property
 import math
 import os
 
 import numpy as np
-from scipy.linalg import expm
 from scipy.optimize import least_squares
 
 from hydro_twin.effects import Placed
-from hydro_twin.errors import DataError
+from hydro_twin.fitting.candidate import Candidate, Part, rms, START
 from hydro_twin.fitting.identifiability import assess, Identifiability
 from hydro_twin.plants import Plant
 from hydro_twin.plants.plant import FloatArray
-from hydro_twin.predictors.system import assemble, System
-from hydro_twin.recording.series import Recording
 
-START = 50              # samples at the begin of a part that set its state, and are not scored
 WALL = 3e-3             # weight of the search box, see `Problem`
 MIDDLE = 1e-4           # weight of its middle
 THREADS = os.cpu_count() or 1
-
-
-@dataclass(frozen=True)
-class Part:
-    """An uninterrupted stretch that a run covers: inputs (N, m), output measured (N,)."""
-
-    inputs: FloatArray
-    measured: FloatArray
-    source: str = ''
-
-
-def parts_of(recording: Recording, plant: Plant) -> list[Part]:
-    """Stack the columns of each series that is long enough to start a run and score it.
-
-    Raises:
-        DataError: no series is long enough, or the output never moves, or is not finite.
-    """
-    parts = [
-        Part(np.column_stack([series[signal.name] for signal in plant.inputs]),
-             np.ascontiguousarray(series[plant.output.name]), series.source)
-        for series in recording.series if len(series) >= 2 * START]
-    if not parts:
-        longest = max((len(series) for series in recording.series), default=0)
-        raise DataError(f'no series is long enough: the longest has {longest} samples, '
-                        f'{2 * START} are needed')
-    if not all(np.isfinite(part.inputs).all() and np.isfinite(part.measured).all()
-               for part in parts):
-        raise DataError('the recording holds values that are not finite')
-    if all(np.ptp(part.measured) == 0.0 for part in parts):
-        raise DataError(f'{plant.output.name} never moves in the recording')
-    return parts
-
-
-@dataclass(frozen=True)
-class Candidate:
-    """Values for everything a run needs.
-
-    Attributes:
-        values: parameters and constants.
-        timing: how late each input acts [s], by name.
-    """
-
-    plant: Plant
-    values: Mapping[str, float]
-    sample_time: float
-    effects: tuple[Placed, ...] = ()
-    timing: Mapping[str, float] | None = None
-    substeps: int = 4
-
-    @cached_property
-    def system(self) -> System:
-        """What the kernel runs."""
-        return assemble(self.plant, self.values, self.effects, self.sample_time, self.substeps,
-                        self.timing)
-
-    def start(self, part: Part) -> FloatArray:
-        """Find the state at the begin of a part that its first samples show; (n,).
-
-        Least squares from rest, under the whole model. States that these samples do not tell
-        stay near rest: a deviation costs as if the output were measured to one per cent.
-        """
-        system = self.system
-        n = min(START, len(part.measured))
-        inputs, measured = part.inputs[:n], part.measured[:n]
-        x = system.start(inputs[0], measured[0])
-        size = max(rms(measured - measured.mean()), 1e-3 * rms(part.measured), 1e-12)
-        miss = measured - system.run(inputs, x)
-        if len(system.table):
-            at_rest = measured - miss
-            scale = size / self._response_size
-            columns = np.stack([system.run(inputs, x + 0.01 * s * unit) - at_rest
-                                for s, unit in zip(scale, np.eye(len(x)), strict=True)],
-                               axis=1) / 0.01
-        else:
-            scale = size / self._response_size
-            columns = self._response[:n] * scale
-        if not (np.isfinite(columns).all() and np.isfinite(miss).all()):
-            return x
-        held = 0.01 * size * np.eye(len(x))
-        solve = np.linalg.pinv(np.vstack([columns, held]))[:, :n]
-        for _ in range(2 if len(system.table) else 1):
-            trial = x + scale * (solve @ miss)
-            left = measured - system.run(inputs, trial)
-            if not left @ left < miss @ miss:
-                break
-            x, miss = trial, left
-        return x
-
-    @cached_property
-    def _response(self) -> FloatArray:
-        """How the first outputs move with the state at the start, linear laws, (START, n)."""
-        laws = self.system.laws
-        Phi = expm(laws.A * self.sample_time)
-        response = np.empty((START, len(Phi)))
-        row = laws.C[0]
-        for k in range(START):
-            response[k] = row
-            row = row @ Phi
-        return response
-
-    @cached_property
-    def _response_size(self) -> FloatArray:
-        """RMS of that for each state, (n,)."""
-        size = np.sqrt(np.mean(self._response**2, axis=0))
-        return np.where(size > 0.0, size, 1.0)
-
-    def run(self, part: Part, seen: FloatArray | None = None) -> FloatArray:
-        """Run freely over a part, from the state that its first samples show; (N,)."""
-        return self.system.run(part.inputs, self.start(part), seen)
-
-    def residual(self, part: Part) -> FloatArray:
-        """Measured less free run over the scored samples of a part, (N - START,)."""
-        return (part.measured - self.run(part))[START:]
-
-
-def rms(values: FloatArray) -> float:
-    """Root of the mean square."""
-    return float(np.sqrt(np.mean(np.square(values)))) if len(values) else math.nan
 
 
 @dataclass(frozen=True)

@@ -7,8 +7,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from hydro_twin.errors import DataError, UserError
+from hydro_twin.fitting.candidate import parts_of, START
 from hydro_twin.fitting.coefficients import coefficients_of
-from hydro_twin.fitting.free_run import fit_linear, parts_of, START
+from hydro_twin.fitting.free_run import fit_linear
 from hydro_twin.fitting.identifiability import assess, Identifiability
 from hydro_twin.fitting.network import make_problem, Problem
 from hydro_twin.fitting.one_step import at_bound, sensitivities
@@ -134,7 +135,7 @@ def errors_of(predictor: Predictor, train: Recording, test: Recording) -> Errors
 
 
 def _free_run_error(predictor: Predictor, part: Recording) -> float:
-    from hydro_twin.fitting.free_run import Candidate
+    from hydro_twin.fitting.candidate import Candidate
 
     model, plant = predictor.model, predictor.plant
     if model.kind == 'analytical':

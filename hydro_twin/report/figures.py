@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 from scipy import signal
 
-from hydro_twin.fitting.free_run import Part, START
+from hydro_twin.fitting.candidate import Part, START
 from hydro_twin.plants.plant import FloatArray
 from hydro_twin.report.chart import (
     AFTER,

@@ -13,7 +13,8 @@ import numpy as np
 from scipy import signal
 
 from hydro_twin.effects import Placed
-from hydro_twin.fitting.free_run import Candidate, Fit, Part, rms, START
+from hydro_twin.fitting.candidate import Candidate, Part, rms, START
+from hydro_twin.fitting.free_run import Fit
 from hydro_twin.plants.plant import FloatArray
 from hydro_twin.predictors import kernel
 from hydro_twin.report.chart import AFTER, axis, BEFORE, Chart, Curve, FOUND, Illustration, View

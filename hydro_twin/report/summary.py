@@ -6,7 +6,8 @@ from typing import Any
 import numpy as np
 from scipy import signal
 
-from hydro_twin.fitting.free_run import Candidate, Fit, get, label, Part, rms, START, Unknown
+from hydro_twin.fitting.candidate import Candidate, Part, rms, START
+from hydro_twin.fitting.free_run import Fit, get, label, Unknown
 from hydro_twin.model import Estimate, FittedEffect, Model
 from hydro_twin.plants.difference_equation import characteristic
 from hydro_twin.plants.plant import FloatArray

@@ -3,7 +3,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from hydro_twin.fitting.free_run import Part, START
+from hydro_twin.fitting.candidate import Part, START
 
 ENOUGH = 25_000         # scored samples
 STRETCH = 1_500         # samples, with those that only set the state

@@ -13,7 +13,8 @@ import math
 import numpy as np
 
 from hydro_twin.effects import Effect, EFFECTS, Placed, sites, Span
-from hydro_twin.fitting.free_run import Candidate, Fit, in_parallel, Part, START
+from hydro_twin.fitting.candidate import Candidate, Part, START
+from hydro_twin.fitting.free_run import Fit, in_parallel
 from hydro_twin.plants import Plant, Port
 from hydro_twin.plants.plant import FloatArray
 

@@ -14,14 +14,12 @@ import numpy as np
 from scipy import stats
 
 from hydro_twin.effects import Placed
+from hydro_twin.fitting.candidate import Candidate, Part, rms
 from hydro_twin.fitting.free_run import (
-    Candidate,
     effect_unknowns,
     Fit,
-    Part,
     plant_unknowns,
     Problem,
-    rms,
     timing_unknowns,
     usual,
 )

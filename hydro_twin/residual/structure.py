@@ -13,7 +13,8 @@ from itertools import pairwise
 import numpy as np
 from scipy import signal, stats
 
-from hydro_twin.fitting.free_run import Candidate, Fit, Part, START
+from hydro_twin.fitting.candidate import Candidate, Part, START
+from hydro_twin.fitting.free_run import Fit
 from hydro_twin.plants.difference_equation import DifferenceEquation, from_state_space
 from hydro_twin.plants.plant import FloatArray
 from hydro_twin.predictors.system import discretise

@@ -6,7 +6,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from hydro_twin.fitting.free_run import Candidate, Fit, fit_linear, Part, parts_of, rms
+from hydro_twin.fitting.candidate import Candidate, Part, parts_of, rms
+from hydro_twin.fitting.free_run import Fit, fit_linear
 from hydro_twin.model import Model
 from hydro_twin.plants import Plant
 from hydro_twin.recording.series import Recording

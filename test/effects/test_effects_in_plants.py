@@ -6,7 +6,7 @@ import pytest
 from scipy import signal
 
 from hydro_twin.effects import EFFECTS, Placed, sites
-from hydro_twin.fitting.free_run import Candidate, Part
+from hydro_twin.fitting.candidate import Candidate, Part
 from hydro_twin.model import place
 from hydro_twin.plants import PLANTS
 from hydro_twin.predictors.system import assemble

@@ -3,7 +3,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from hydro_twin.fitting.free_run import Candidate, Part
+from hydro_twin.fitting.candidate import Candidate, Part
 from hydro_twin.model import place
 from hydro_twin.plants import plant_named
 from hydro_twin.residual.noise import is_white, Line, noise_floor

@@ -2,7 +2,7 @@
 import numpy as np
 import pytest
 
-from hydro_twin.fitting.free_run import Part, START
+from hydro_twin.fitting.candidate import Part, START
 from hydro_twin.residual.excerpt import ENOUGH, excerpt
 
 
