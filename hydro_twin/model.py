@@ -10,12 +10,14 @@ from typing import Any
 
 import yaml
 
-from hydro_twin.effects import EFFECTS, Placed
+from hydro_twin.effects import Effect, EFFECTS, Placed
+from hydro_twin.effects.curve import CURVE, over
 from hydro_twin.errors import ModelError, UserError
 from hydro_twin.plants import Plant, plant_named, Port
 
 FORMAT = 1
 NOT_IDENTIFIABLE = 'not identifiable'
+NOT_EXPLAINED = 'not explained'
 KINDS = ('analytical', 'mlp', 'hybrid')
 
 
@@ -84,7 +86,7 @@ class Model:
         return float(value) if value is not None else None
 
 
-def effect_at(identifier: str, port_name: str, plant: Plant) -> tuple[Any, Port]:
+def effect_at(identifier: str, port_name: str, plant: Plant) -> tuple[Effect, Port]:
     """Find the effect of that id and the port of that name on which it sits.
 
     Raises:
@@ -107,7 +109,28 @@ def place(identifier: str, port_name: str, parameters: Mapping[str, float],
     Raises:
         ModelError: no such effect there, or a parameter missing, unknown or out of range.
     """
-    effect, port = effect_at(identifier, port_name, plant)
+    return _filled(*effect_at(identifier, port_name, plant), parameters)
+
+
+def curve_at(port_name: str, kind: str, signal: str, plant: Plant) -> tuple[Effect, Port]:
+    """Give the curve over a signal at the port of that name and kind.
+
+    Raises:
+        ModelError: no such port or signal.
+    """
+    for port in plant.ports:
+        if (port.name, port.kind) == (port_name, kind) and signal in ('value', *port.signals):
+            return over(port, signal), port
+    raise ModelError(f'{plant.name} takes no curve over {signal} at port {port_name} ({kind})')
+
+
+def _filled(effect: Effect, port: Port, parameters: Mapping[str, float]) -> Placed:
+    """Give an effect its parameters, each within its range.
+
+    Raises:
+        ModelError: a parameter is missing, unknown or out of range.
+    """
+    identifier = effect.id
     known = {parameter.name for parameter in effect.parameters}
     if unknown := sorted(set(parameters) - known):
         raise ModelError(f'effect {identifier} has no parameter {", ".join(unknown)}; '
@@ -121,6 +144,9 @@ def place(identifier: str, port_name: str, parameters: Mapping[str, float],
             raise ModelError(f'effect {identifier}: {p.name} = {value:g} is outside '
                              f'{p.lower:g} to {p.upper:g}')
         values.append(float(value))
+    if effect.id == CURVE.id and not values[0] < values[1]:
+        raise ModelError(f'effect {identifier}: low = {values[0]:g} must be below '
+                         f'high = {values[1]:g}')
     return Placed(effect, port, tuple(values))
 
 
@@ -145,6 +171,7 @@ def document(model: Model) -> dict[str, Any]:
         'effects': [{
             'id': effect.placed.effect.id,
             'port': effect.placed.port.name,
+            **_found(effect.placed),
             'parameters': {
                 p.name: {'value': value, 'unit': effect.placed.effect.unit(p, effect.placed.port),
                          'std_error': effect.std_errors.get(p.name)}
@@ -156,6 +183,13 @@ def document(model: Model) -> dict[str, Any]:
         'errors': dict(model.errors),
         'provenance': dict(model.provenance),
     }
+
+
+def _found(placed: Placed) -> dict[str, str]:
+    """Say of a curve over which signal it is, and that it explains nothing."""
+    if placed.effect.named:
+        return {}
+    return {'kind': placed.port.kind, 'signal': placed.effect.reads[0], 'found': NOT_EXPLAINED}
 
 
 def write_model(model: Model, path: Path) -> None:
@@ -216,8 +250,10 @@ def _from_document(raw: Mapping[str, Any]) -> Model:
         plant.check({name: p.value for name, p in estimates.items()})
     effects = tuple(
         FittedEffect(
-            place(e['id'], e['port'], {name: _number(f'effect {e["id"]}: {name}', p['value'])
-                                       for name, p in e['parameters'].items()}, plant),
+            _filled(*(curve_at(e['port'], e['kind'], e['signal'], plant)
+                      if e['id'] == CURVE.id else effect_at(e['id'], e['port'], plant)),
+                    {name: _number(f'effect {e["id"]}: {name}', p['value'])
+                     for name, p in e['parameters'].items()}),
             {name: p.get('std_error') for name, p in e['parameters'].items()})
         for e in raw.get('effects') or ())
     timing = {name: _number(f'timing of {name}', t) for name, t in

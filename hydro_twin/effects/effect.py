@@ -19,6 +19,7 @@ class EffectParameter:
         log: whether a search moves in its logarithm (then lower is above zero).
         refinement: the value that leaves it out of the law; the simple law has it fixed there.
             None: part of the simple law.
+        fixed: whether it is set from the recording, and no fit moves it.
     """
 
     name: str
@@ -28,6 +29,7 @@ class EffectParameter:
     upper: float
     log: bool = True
     refinement: float | None = None
+    fixed: bool = False
 
 
 @dataclass(frozen=True)
@@ -61,7 +63,7 @@ class Effect:
 
     Attributes:
         kinds: the kinds of port it may sit on.
-        reads: the signals of the port it reads, in the order of s.
+        reads: the signals of the port it reads, in the order of s; 'value' for what reaches it.
         memory: how many numbers it keeps.
         starts: what the recording reaches -> sets of parameters to begin a search at.
         excitation: what a recording must hold to show it, as advice to a person.
@@ -73,6 +75,7 @@ class Effect:
         implicit: the law takes the signals as they would be without it, and answers with what
             holds at the end of the step: for forces that jump with the velocity.
         shifts: a pure delay of these inputs ('held' or 'all'), which has no law.
+        named: whether it explains what it adds; a curve that is merely found does not.
     """
 
     id: str
@@ -89,6 +92,7 @@ class Effect:
     memory: int = 0
     implicit: bool = False
     shifts: str = ''
+    named: bool = True
 
     def fits(self, port: Port) -> bool:
         """Whether the effect may sit on this port."""

@@ -83,14 +83,20 @@ def usual(plant: Plant) -> dict[str, tuple[float, float]]:
 
 
 def effect_unknowns(index: int, placed: Placed) -> list[Unknown]:
-    """List the parameters of an effect that are not left out of its law."""
+    """List the parameters of an effect that are not fixed or left out of its law.
+
+    The values of a curve, any of which may be near zero, share one scale.
+    """
     unknowns = []
-    largest = max((abs(v) for v in placed.values if math.isfinite(v)), default=1.0)
-    for p, value in zip(placed.effect.parameters, placed.values, strict=True):
+    moving = [(p, v) for p, v in zip(placed.effect.parameters, placed.values, strict=True)
+              if not p.fixed]
+    largest = max((abs(v) for _, v in moving if math.isfinite(v)), default=1.0)
+    for p, value in moving:
         if p.refinement is not None and value == p.refinement:
             continue
+        own = abs(value) if placed.effect.named else 0.0
         unknowns.append(Unknown(p.name, str(index), p.lower, p.upper, p.log,
-                                abs(value) or largest or 1.0))
+                                own or largest or 1.0))
     return unknowns
 
 

@@ -13,15 +13,22 @@ import sys
 from typing import Any
 
 from hydro_twin.compiled import CACHE
-from hydro_twin.effects import EFFECTS, MODULES
+from hydro_twin.effects import Effect, EFFECTS, MODULES
+from hydro_twin.effects.curve import CURVE
 
 NAME = 'hydro_twin_dispatch'
+LAWS = [(name, effect.law) for name, effect in
+        zip((*MODULES, 'curve'), (*EFFECTS, CURVE), strict=True)]
+
+
+def code(effect: Effect) -> int:
+    """Return the number by which the kernel knows the law of an effect."""
+    return [law for _, law in LAWS].index(effect.law)
 
 
 def source() -> str:
     """Write the module."""
-    laws = [(k, name) for k, (name, effect) in enumerate(zip(MODULES, EFFECTS, strict=True))
-            if effect.law is not None]
+    laws = [(k, name) for k, (name, law) in enumerate(LAWS) if law is not None]
     imports = [f'from hydro_twin.effects.{name} import law as law_{k}' for k, name in laws]
     branches = [f'    if code == {k}:\n        return law_{k}(v, s, p, z, h, c, z_next)'
                 for k, _ in laws]

@@ -8,9 +8,10 @@ import numpy as np
 import numpy.typing as npt
 from scipy.linalg import expm
 
-from hydro_twin.effects import EFFECTS, Placed
+from hydro_twin.effects import Placed
 from hydro_twin.plants.plant import FloatArray, Laws, Plant
 from hydro_twin.predictors import kernel
+from hydro_twin.predictors.dispatch import code
 
 IntArray = npt.NDArray[np.int64]
 
@@ -125,7 +126,7 @@ def assemble(plant: Plant, values: Mapping[str, float], effects: Sequence[Placed
         signals = [_signal_row(plant, placed, name) for name in placed.effect.reads]
         signals = [*signals, -1, -1][:2]
         kept = placed.effect.memory
-        table.append([EFFECTS.index(placed.effect), plant.ports.index(placed.port), *signals,
+        table.append([code(placed.effect), plant.ports.index(placed.port), *signals,
                       len(p), len(p) + len(placed.values), memory, memory + kept,
                       placed.effect.implicit])
         p.extend(placed.values)
@@ -144,6 +145,8 @@ def assemble(plant: Plant, values: Mapping[str, float], effects: Sequence[Placed
 
 
 def _signal_row(plant: Plant, placed: Placed, name: str) -> int:
-    """Find the row of H for a signal at the port of an effect."""
+    """Find the row of H for a signal at the port of an effect, or for the port's own value."""
+    if name == 'value':
+        return plant.ports.index(placed.port)
     before = sum(len(port.signals) for port in plant.ports[:plant.ports.index(placed.port)])
     return len(plant.ports) + before + list(placed.port.signals).index(name)

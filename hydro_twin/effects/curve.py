@@ -1,0 +1,67 @@
+"""A free curve: what is found to be missing at a port, without a law that would explain it.
+
+It takes no part in the search for a name, and is no effect of the catalogue.
+"""
+from __future__ import annotations
+
+from dataclasses import replace
+
+from hydro_twin.compiled import compiled
+from hydro_twin.effects.effect import Effect, EffectParameter, Placed
+from hydro_twin.plants.plant import FloatArray, Port
+
+KNOTS = 9
+
+
+@compiled
+def law(v, s, p, z, h, c, z_next):  # type: ignore[no-untyped-def]
+    """Add a curve over a signal: cubic between evenly spaced knots, held beyond the outer ones.
+
+    The slope at a knot is that of the line through its neighbours [Catmull and Rom 1974].
+    """
+    low, high, last = p[0], p[1], len(p) - 3
+    place = (min(max(s[0], low), high) - low) / (high - low) * last
+    k = min(int(place), last - 1)
+    t, at = place - k, k + 2
+    rise = p[at + 1] - p[at]
+    left = 0.5 * (p[at + 1] - p[at - 1]) if k > 0 else rise
+    right = 0.5 * (p[at + 2] - p[at]) if k < last - 1 else rise
+    return v + p[at] + t * (left + t * (3.0 * rise - 2.0 * left - right
+                                        + t * (left + right - 2.0 * rise)))
+
+
+CURVE = Effect(
+    id='curve',
+    title='free curve',
+    kinds=(),
+    parameters=(
+        EffectParameter('low', 'first knot', 'signal', -1e15, 1e15, log=False, fixed=True),
+        EffectParameter('high', 'last knot', 'signal', -1e15, 1e15, log=False, fixed=True),
+        *(EffectParameter(f'added_{k + 1}', f'what is added at knot {k + 1}', 'value',
+                          -1e15, 1e15, log=False) for k in range(KNOTS)),
+    ),
+    starts=lambda _: (),
+    excitation='',
+    law=law,
+    named=False,
+)
+
+
+def curve(port: Port, signal: str, low: float, high: float, added: FloatArray) -> Placed:
+    """Put a curve on a port.
+
+    Args:
+        port: where it adds.
+        signal: over which: 'value', what reaches the port, or a signal there.
+        low: first knot.
+        high: last knot, above the first.
+        added: at the knots, shape (KNOTS,).
+    """
+    return Placed(over(port, signal), port, (low, high, *map(float, added)))
+
+
+def over(port: Port, signal: str) -> Effect:
+    """Give the effect that reads this signal at this port."""
+    low, high, *added = CURVE.parameters
+    return replace(CURVE, kinds=(port.kind,), reads=(signal,), parameters=(
+        replace(low, unit=signal), replace(high, unit=signal), *added))
