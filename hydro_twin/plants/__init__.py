@@ -2,6 +2,7 @@
 from __future__ import annotations
 
 from hydro_twin.errors import UserError
+from hydro_twin.plants.control_valve import CONTROL_VALVE
 from hydro_twin.plants.cylinder import CYLINDER
 from hydro_twin.plants.load_simulator import LOAD_SIMULATOR
 from hydro_twin.plants.plant import Constant, Laws, Parameter, Plant, Port, Signal
@@ -10,7 +11,8 @@ from hydro_twin.plants.valve_servo import VALVE_SERVO
 
 __all__ = ['PLANTS', 'Constant', 'Laws', 'Parameter', 'Plant', 'Port', 'Signal', 'plant_named']
 
-PLANTS = {plant.name: plant for plant in (LOAD_SIMULATOR, VALVE_SERVO, CYLINDER, POSITIONING)}
+PLANTS = {plant.name: plant for plant in (LOAD_SIMULATOR, VALVE_SERVO, CYLINDER, POSITIONING,
+                                          CONTROL_VALVE)}
 
 
 def plant_named(name: str) -> Plant:

@@ -84,7 +84,7 @@ def test_positioning_set(tmp_path, name):
     ('leg', 'leg/policy1_sin1Hz.csv.gz', 'load_simulator', 500, 20000,
      {'u_m': ('force_command_N', 1.0), 'theta_d': ('joint_angle_rad', 1.0),
       'T_g': ('force_N', 1.0)}),
-    ('water_valve', 'water_valve/actuator3_2001-10-11_1h.csv.gz', 'valve_servo', 1, 3600,
+    ('water_valve', 'water_valve/actuator3_2001-10-11_1h.csv.gz', 'control_valve', 1, 3600,
      {'command': ('LC74_20CV_pct', 0.01), 'opening': ('L74_20X_pct', 0.01)}),
 ])
 def test_other_measured_sets(tmp_path, name, table, plant, rate, count, columns):

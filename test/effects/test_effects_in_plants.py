@@ -38,7 +38,7 @@ def smooth(plant, samples=600):
     """Smooth random inputs that begin at zero."""
     rng = np.random.default_rng(0)
     t = plant.sample_time * np.arange(samples)
-    low = signal.butter(2, 5.0, fs=1 / plant.sample_time, output='sos')
+    low = signal.butter(2, min(5.0, 0.01 / plant.sample_time), fs=1 / plant.sample_time, output='sos')
     return np.column_stack([
         AMPLITUDES.get(s.name, 1.0) * np.tanh(t / 0.05) * 4
         * signal.sosfilt(low, rng.standard_normal(samples)) for s in plant.inputs])

@@ -26,7 +26,7 @@ def test_responds_as_the_continuous_laws_at_the_warped_frequency(plant):
     laws = plant.laws(values | plant.constant_values())
     T = plant.sample_time
     equation = bilinear(laws, T)
-    for z in np.exp(2j * np.pi * np.array([0.5, 7.0, 60.0, 200.0]) * T):
+    for z in np.exp(2j * np.pi * np.array([0.001, 0.014, 0.12, 0.4])):
         s = 2 / T * (z - 1) / (z + 1)
         expected = laws.C @ np.linalg.solve(s * np.eye(plant.order) - laws.A, laws.B) + laws.D
         lags = z ** -np.arange(plant.order + 1.0)

@@ -53,7 +53,16 @@ def positioning(v, x, u, d):
     return [force / v['M'], velocity], [command, force, position + d[2]], [velocity, position]
 
 
-@pytest.mark.parametrize('by_hand', [load_simulator, valve_servo, cylinder, positioning])
+def control_valve(v, x, u, d):
+    y = x[0]
+    command = u[0] + d[0]
+    speed = (v['K'] * command - y) / v['tau'] + d[1]
+    stem = y + d[2]
+    return [speed], [command, speed, stem, stem + d[3]], [y]
+
+
+@pytest.mark.parametrize('by_hand', [load_simulator, valve_servo, cylinder, positioning,
+                                     control_valve])
 def test_matrices_are_the_laws_with_what_effects_add(by_hand):
     plant, v = PLANTS[by_hand.__name__], TYPICAL[by_hand.__name__]
     laws = plant.laws(v)
@@ -85,6 +94,7 @@ def test_ports_depend_only_on_those_before(plant):
                 v['k_1']]),
     ('cylinder', lambda v: [v['K_v']], lambda v: [v['tau'], 1.0, 0.0]),
     ('positioning', lambda v: [1.0], lambda v: [v['M'], v['F_v'], 0.0]),
+    ('control_valve', lambda v: [v['K']], lambda v: [v['tau'], 1.0]),
 ])
 def test_transfer_function(name, numerator, denominator):
     v = TYPICAL[name]

@@ -16,6 +16,8 @@ DEFAULTS = {   # the contract
     ('cylinder', 'x'): ('/cylinder/joint_states', 'position[0]'),
     ('positioning', 'force'): ('/positioning/command', 'effort[0]'),
     ('positioning', 'x'): ('/positioning/joint_states', 'position[0]'),
+    ('control_valve', 'command'): ('/control_valve/command', 'position[0]'),
+    ('control_valve', 'opening'): ('/control_valve/joint_states', 'position[0]'),
 }
 
 
