@@ -1,0 +1,191 @@
+"""The loop: effects added one after another, until nothing more earns its place."""
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from hydro_twin.fitting.candidate import Part, rms
+from hydro_twin.fitting.free_run import Fit
+from hydro_twin.residual.proof import improvement
+from hydro_twin.residual.select import (
+    CLEARLY,
+    contend,
+    Contender,
+    criterion,
+    gain_p_value,
+    search,
+)
+from hydro_twin.residual.structure import foretold
+
+MOST = 4                # effects in a model
+FIRSTS = 3              # effects of the first round that a chain may begin with
+LEVEL = 1e-3            # of a test, corrected for all that was tried
+WORTH = 0.01            # least share of the mean square error that an effect must take off
+FINE = 0.2              # largest error of the time stepping, as a share of the residual
+FINEST = 16             # steps in a sample
+LATER = 8               # effects fitted in full after the first round
+TOLD = 0.01             # p-value from which what is left follows what happens at the ports
+TRIED = 40              # starts tried in a round, for the correction
+
+
+@dataclass(frozen=True)
+class Finding:
+    """One effect that earned its place.
+
+    Attributes:
+        index: of the effect in the candidate.
+        p_value: of what it adds to the others, for all that was tried.
+        share: of the mean square error without it that it takes off.
+        rivals: (contender, distance of the criterion) of other effects in its place, best first.
+    """
+
+    index: int
+    p_value: float
+    share: float
+    rivals: tuple[tuple[Contender, float], ...]
+
+
+@dataclass(frozen=True)
+class Chain:
+    """A model as far as it has grown."""
+
+    fit: Fit
+    findings: tuple[Finding, ...] = ()
+
+
+@dataclass(frozen=True)
+class Ground:
+    """What chains grow on: the parts that are fitted, and those that are not."""
+
+    parts: Sequence[Part]
+    unseen: Sequence[Part]
+    seed: int
+    progress: Callable[[str], None]
+
+
+def grow(base: Fit, contenders: Sequence[Contender], ground: Ground) -> Chain:
+    """Grow a model from the best first effect; while something is left, from others too.
+
+    Two effects may look like a third one as long as neither is in the model. The chain that the
+    criterion likes best is returned.
+
+    Args:
+        base: the fit without any of the effects.
+        contenders: of the first round, best first.
+        ground: the data.
+    """
+    best = Chain(base)
+    for k, contender in enumerate(contenders[:FIRSTS]):
+        if (contender.id, contender.placed.port) in _placed(best):
+            continue
+        others = [*contenders[:k], *contenders[k + 1:]]
+        chain = _follow(Chain(base), [contender, *others], ground)
+        scores = criterion([best.fit, chain.fit])
+        if scores[1] < scores[0]:
+            best = chain
+        if foretold(best.fit, ground.parts)[1] >= TOLD:
+            break
+    return best
+
+
+def _placed(chain: Chain) -> set[tuple[str, object]]:
+    """Effects and ports that the findings of a chain stand for."""
+    effects = chain.fit.candidate.effects
+    return {(effects[f.index].effect.id, effects[f.index].port) for f in chain.findings}
+
+
+def _follow(chain: Chain, contenders: Sequence[Contender], ground: Ground) -> Chain:
+    """Add the first contender, then the best of each round, while they earn their place."""
+    while contenders:
+        first, *others = contenders
+        base = without_last(chain.fit, first.fit, ground.parts)
+        chain = replace(chain, fit=base)
+        if not earns(base, first.fit, ground):
+            break
+        found = _finding(base, first.fit, others, len(base.candidate.effects))
+        if chain.findings and _nearest(found, first.id) < CLEARLY:
+            break                           # what one law leaves is no evidence for just any other
+        fit = finely(first.fit, ground.parts)
+        chain = _exchange(Chain(fit, (*chain.findings, found)), ground)
+        if len(chain.findings) == MOST:
+            break
+        contenders = contend(chain.fit, ground.parts, LATER, False, ground.progress)
+    return chain
+
+
+def without_last(base: Fit, better: Fit, parts: Sequence[Part]) -> Fit:
+    """Search the base once more from where an effect has led; the better of the two.
+
+    What a longer search alone gains must not be credited to the effect.
+    """
+    candidate = replace(better.candidate, effects=better.candidate.effects[:-1])
+    return min(base, search(candidate, parts, 40), key=lambda fit: fit.cost)
+
+
+def earns(before: Fit, after: Fit, ground: Ground) -> bool:
+    """Whether an effect earns its place: likely, worth it, and so on data it did not fit."""
+    if gain_p_value(before, after, TRIED) > LEVEL:
+        return False
+    if 1.0 - (after.error / before.error) ** 2 < WORTH:
+        return False
+    on_unseen = improvement([before.candidate.residual(p) for p in ground.unseen],
+                            [after.candidate.residual(p) for p in ground.unseen], ground.seed)
+    return on_unseen.low > 0.0
+
+
+def _finding(without: Fit, fit: Fit, others: Sequence[Contender], index: int) -> Finding:
+    """Describe an effect against the fit without it, and against others in its place."""
+    score, *scores = criterion([fit, *(c.fit for c in others)])
+    return Finding(
+        index=index, p_value=gain_p_value(without, fit, TRIED),
+        share=1.0 - (fit.error / without.error) ** 2,
+        rivals=tuple((c, s - score) for c, s in zip(others, scores, strict=True)))
+
+
+def _nearest(found: Finding, name: str) -> float:
+    """Distance of the criterion to the nearest effect of another name."""
+    return min((d for contender, d in found.rivals if contender.id != name), default=np.inf)
+
+
+def finely(fit: Fit, parts: Sequence[Part]) -> Fit:
+    """Shorten the steps until halving them changes the output little, then fit again."""
+    candidate = fit.candidate
+    while candidate.substeps < FINEST:
+        finer = replace(candidate, substeps=2 * candidate.substeps)
+        starts = [(part.inputs, candidate.start(part)) for part in parts]
+        change = rms(np.concatenate([finer.system.run(*start) - candidate.system.run(*start)
+                                     for start in starts]))
+        if change < FINE * fit.error:
+            break
+        candidate = finer
+    return fit if candidate is fit.candidate else search(candidate, parts, 40)
+
+
+def _exchange(chain: Chain, ground: Ground) -> Chain:
+    """Put each earlier effect up for choice again, now that the last one is in the model.
+
+    It may have become needless, and is dropped; or it may have stood in for two, and another
+    takes its place. Its rivals are those that it has beside the others.
+    """
+    for k, found in enumerate(chain.findings[:-1]):
+        effects = list(chain.fit.candidate.effects)
+        placed = effects.pop(found.index)
+        without = search(replace(chain.fit.candidate, effects=tuple(effects)), ground.parts, 40)
+        rest = tuple(replace(f, index=f.index - (f.index > found.index))
+                     for f in (*chain.findings[:k], *chain.findings[k + 1:]))
+        with_it, bare = criterion([chain.fit, without])
+        if bare < with_it + CLEARLY:
+            return _exchange(Chain(without, rest), ground)
+        contenders = contend(without, ground.parts, LATER, False, ground.progress)
+        scores = criterion([chain.fit, *(c.fit for c in contenders)])
+        if contenders and scores[1] < scores[0] - CLEARLY:
+            first, *others = contenders
+            instead = _finding(without, first.fit, others, len(effects))
+            return _exchange(Chain(finely(first.fit, ground.parts), (*rest, instead)), ground)
+        others = [c for c in contenders
+                  if (c.id, c.placed.port) != (placed.effect.id, placed.port)]
+        kept = _finding(without, chain.fit, others, found.index)
+        chain = replace(chain, findings=(*chain.findings[:k], kept, *chain.findings[k + 1:]))
+    return chain
