@@ -38,7 +38,8 @@ def smooth(plant, samples=600):
     """Smooth random inputs that begin at zero."""
     rng = np.random.default_rng(0)
     t = plant.sample_time * np.arange(samples)
-    low = signal.butter(2, min(5.0, 0.01 / plant.sample_time), fs=1 / plant.sample_time, output='sos')
+    corner = min(5.0, 0.01 / plant.sample_time)        # [Hz]
+    low = signal.butter(2, corner, fs=1 / plant.sample_time, output='sos')
     return np.column_stack([
         AMPLITUDES.get(s.name, 1.0) * np.tanh(t / 0.05) * 4
         * signal.sosfilt(low, rng.standard_normal(samples)) for s in plant.inputs])
@@ -72,7 +73,7 @@ def test_all_together_without_strength_are_the_linear_model(plant):
 
 @pytest.mark.parametrize('site', SITES, ids=named)
 def test_halving_the_step_changes_little(site):
-    """From weak to dominant: 4 steps in a sample differ from 8 by 0.1 % of the output (RMS).
+    """From weak to dominant: 4 steps in a sample differ from 8 by 0.2 % of the output (RMS).
 
     With friction, whose sticking begins and ends within a step, by 0.5 %.
     """
@@ -91,7 +92,7 @@ def test_halving_the_step_changes_little(site):
         placed = [Placed(effect, port, strength)]
         coarse, fine = run(plant, placed, 4, inputs), run(plant, placed, 8, inputs)
         assert np.isfinite(fine).all()
-        tolerance = 5e-3 if effect.implicit else 1e-3
+        tolerance = 5e-3 if effect.implicit else 2e-3
         assert rms(coarse - fine) < tolerance * rms(fine)
         largest = max(largest, rms(fine - part.measured) / rms(part.measured))
     assert largest > 1e-3, 'no strength moved the output'
