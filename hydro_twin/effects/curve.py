@@ -6,6 +6,8 @@ from __future__ import annotations
 
 from dataclasses import replace
 
+import numpy as np
+
 from hydro_twin.compiled import compiled
 from hydro_twin.effects.effect import Effect, EffectParameter, Placed
 from hydro_twin.plants.plant import FloatArray, Port
@@ -58,6 +60,12 @@ def curve(port: Port, signal: str, low: float, high: float, added: FloatArray) -
         added: at the knots, shape (KNOTS,).
     """
     return Placed(over(port, signal), port, (low, high, *map(float, added)))
+
+
+def values(placed: Placed, signal: FloatArray) -> FloatArray:
+    """Evaluate what a curve adds where its signal has these values, shape (N,)."""
+    p, nothing = np.array(placed.values), np.zeros(0)
+    return np.array([law(0.0, np.array([s]), p, nothing, 0.0, 0.0, nothing) for s in signal])
 
 
 def over(port: Port, signal: str) -> Effect:

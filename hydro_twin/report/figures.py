@@ -8,7 +8,9 @@ from pathlib import Path
 import numpy as np
 from scipy import signal
 
+from hydro_twin.effects.curve import values
 from hydro_twin.fitting.candidate import Part, START
+from hydro_twin.plants import Port
 from hydro_twin.plants.plant import FloatArray
 from hydro_twin.report.chart import (
     AFTER,
@@ -24,6 +26,8 @@ from hydro_twin.report.chart import (
     View,
 )
 from hydro_twin.report.shape import illustrate_effect
+from hydro_twin.report.summary import effect_estimates
+from hydro_twin.residual.curve import Found
 from hydro_twin.residual.structure import Dependence
 from hydro_twin.residual.trace import Trace
 from hydro_twin.residual.verdict import Verdict
@@ -31,6 +35,7 @@ from hydro_twin.residual.verdict import Verdict
 POINTS = 24_000         # of one curve, over all parts together
 SEGMENT = 1024          # samples, of a spectrum
 SHOWN = 3               # dependences
+FINE = 161              # points of a curve
 
 
 @dataclass(frozen=True)
@@ -49,7 +54,7 @@ class Run:
 
 def runs(trace: Trace) -> list[Run]:
     """Run both models over all parts, those that were not fitted first."""
-    before, after = trace.before.candidate, trace.after.candidate
+    before, after = trace.before.candidate, trace.final.candidate
     labelled = [(f'{name} {k + 1}', part) for name, parts in
                 (('test', trace.test), ('training', trace.train)) for k, part in enumerate(parts)]
     found = []
@@ -61,21 +66,22 @@ def runs(trace: Trace) -> list[Run]:
 
 def illustrations(trace: Trace, verdict: Verdict, ran: Sequence[Run]) -> list[Illustration]:
     """List the figures of the page, in its order."""
-    fit = trace.after
+    fit = trace.final
     effects = [illustrate_effect(fit, fit.candidate.effects[judged.finding.index], trace.fitted)
                for judged in verdict.judged]
-    found = [_dependence(trace, dependence) for dependence in trace.depends_on[:SHOWN]]
-    return [_output(trace, verdict, ran), *effects, *found, _spectra(trace, verdict, ran)]
+    found = ([_curve(trace.found)] if trace.found else
+             [_dependence(dependence) for dependence in trace.depends_on[:SHOWN]])
+    return [_output(trace, ran), *effects, *found, _spectra(trace, ran)]
 
 
-def _names(verdict: Verdict) -> tuple[tuple[str, str], ...]:
+def _names(trace: Trace) -> tuple[tuple[str, str], ...]:
     """Name the models shown, with their colours."""
-    if verdict.judged:
+    if trace.changed:
         return ('before', BEFORE), ('after', AFTER)
     return (('model', BEFORE),)
 
 
-def _output(trace: Trace, verdict: Verdict, ran: Sequence[Run]) -> Illustration:
+def _output(trace: Trace, ran: Sequence[Run]) -> Illustration:
     """Measured and predicted over time, and their difference, part by part."""
     sample_time, output = trace.before.candidate.sample_time, trace.plant.output
     most = max(200, POINTS // len(ran))
@@ -83,7 +89,7 @@ def _output(trace: Trace, verdict: Verdict, ran: Sequence[Run]) -> Illustration:
     for run in ran:
         time = sample_time * np.arange(len(run.part.measured), dtype=np.float64)
         models = [(name, y, colour) for (name, colour), y in
-                  zip(_names(verdict), (run.before, run.after), strict=False)]
+                  zip(_names(trace), (run.before, run.after), strict=False)]
         measured = run.part.measured
         above = Chart('time [s]', axis(output.meaning, output.unit), (
             Curve('measured', *thin(time, measured, most), MEASURED, 'thick'),
@@ -102,26 +108,51 @@ def _output(trace: Trace, verdict: Verdict, ran: Sequence[Run]) -> Illustration:
     return Illustration('output', 'Measured and predicted', caption, tuple(views))
 
 
-def _dependence(trace: Trace, found: Dependence) -> Illustration:
-    """Show a free curve at a port that explains some of what is left."""
-    port = next(port for port in trace.plant.ports if port.name == found.port
-                and (found.signal == 'value' or found.signal in port.signals))
-    what = port.meaning if found.signal == 'value' else found.signal.replace('_', ' ')
-    unit = port.unit if found.signal == 'value' else port.signals[found.signal]
+def _curve(found: Found) -> Illustration:
+    """Show the curve that is in the model without a name."""
+    placed = found.placed
+    what, x_label = _signal(placed.port, placed.effect.reads[0])
+    spread = effect_estimates(found.fit)[-1]
+    low, high, *added = (entry['value'] for entry in spread.values())
+    knots = np.linspace(low, high, len(added))
+    error = np.array([entry['std_error'] or 0.0 for entry in spread.values()][2:])
+    x = np.linspace(low, high, FINE)
     return Illustration(
-        f'left_{found.port}_{found.signal}', f'Found, not explained: {what} at the {found.port}',
+        f'found_{placed.port.name}_{placed.effect.reads[0]}',
+        f'Found, not explained: {what} at the {placed.port.name}',
+        f'What the curve adds to the {placed.port.meaning}, as fitted with all parameters; bars '
+        f'are two standard errors. Where a parameter or a bias could do as well, a '
+        f'straight line more or less means nothing.',
+        (View('', (Chart(x_label, axis('added', placed.port.unit), (
+            Curve('free curve', x, values(placed, x), FOUND),
+            Curve('knots', knots, np.array(added), FOUND, 'points', 2.0 * error))),)),))
+
+
+def _signal(port: Port, signal: str) -> tuple[str, str]:
+    """Name a signal at a port, and label its axis."""
+    what = port.meaning if signal == 'value' else signal.replace('_', ' ')
+    return what, axis(what, port.unit if signal == 'value' else port.signals[signal])
+
+
+def _dependence(found: Dependence) -> Illustration:
+    """Show a free curve at a port that explains some of what is left."""
+    port = found.port
+    what, x_label = _signal(port, found.signal)
+    return Illustration(
+        f'left_{port.name}_{port.kind}_{found.signal}',
+        f'Found, not explained: {what} at the {port.name}',
         f'A free curve that would have to be added to the {port.meaning}. It explains '
         f'{found.share:.1%} of what is left, in blocks that it was not fitted to. What re-tuning '
         f'could do is left out, so a straight line more or less means nothing.',
-        (View('', (Chart(axis(what, unit), axis('added', port.unit), (
+        (View('', (Chart(x_label, axis('added', port.unit), (
             Curve('free curve', found.knots, found.curve, FOUND),)),)),))
 
 
-def _spectra(trace: Trace, verdict: Verdict, ran: Sequence[Run]) -> Illustration:
+def _spectra(trace: Trace, ran: Sequence[Run]) -> Illustration:
     """Spectra of what the models leave, beside the noise floor."""
     rate = 1.0 / trace.before.candidate.sample_time
     curves = []
-    for k, (name, colour) in enumerate(_names(verdict)):
+    for k, (name, colour) in enumerate(_names(trace)):
         left = [run.part.measured - (run.before, run.after)[k] for run in ran]
         frequency, density = spectrum([r[START:] for r in left], rate)
         curves.append(Curve(name, frequency[1:], density[1:], colour))

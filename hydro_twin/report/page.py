@@ -37,9 +37,11 @@ def page(trace: Trace, verdict: Verdict, summary: Mapping[str, Any],
                     if all(part in row['before']['free_run'] for row in summary['series'])]
     return environment.get_template('trace_page.html').render(
         plant=trace.plant, unit='' if unit == '1' else unit, named=bool(verdict.judged),
+        changed=trace.changed,
         summary={**summary, 'effects': _effects(trace, verdict, summary)},
-        parameters=parameter_rows(trace.before, trace.after, summary['parameters']),
+        parameters=parameter_rows(trace.before, trace.final, summary['parameters']),
         provenance=provenance, illustrations=illustrations, series_parts=series_parts,
+        found_figure=next((i.name for i in illustrations if i.name.startswith('found_')), ''),
         parts=f'{len(trace.train)} parts fitted, {len(trace.test)} held out to test',
         colours={'before': BEFORE, 'after': AFTER}, close=CLOSE, far=FAR,
         data={item.name: plain(item) for item in illustrations})
@@ -69,7 +71,7 @@ def _effects(trace: Trace, verdict: Verdict, summary: Mapping[str, Any]) -> list
     """Add to each effect of the report what the page says beside."""
     rows = []
     for judged, effect in zip(verdict.judged, summary['effects'], strict=True):
-        law = trace.after.candidate.effects[judged.finding.index].effect
+        law = trace.final.candidate.effects[judged.finding.index].effect
         rows.append({**effect, 'title': law.title,
                      'meanings': {p.name: p.meaning for p in law.parameters},
                      'figure': f'effect_{judged.id}_{judged.port}'})

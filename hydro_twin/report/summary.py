@@ -6,6 +6,7 @@ from typing import Any
 import numpy as np
 from scipy import signal
 
+from hydro_twin.effects import Placed
 from hydro_twin.fitting.candidate import Candidate, Part, rms, START
 from hydro_twin.fitting.free_run import Fit, get, label, Unknown
 from hydro_twin.model import Estimate, FittedEffect, Model
@@ -20,13 +21,14 @@ def summarise(trace: Trace, verdict: Verdict) -> dict[str, Any]:
 
     The one-step errors are those of the integrated laws, before and after alike.
     """
-    after = trace.after
+    after = trace.final
     estimates = effect_estimates(after)
     return {
         'plant': trace.plant.name,
         'verdict': verdict.kind,
         'says': sentence(trace, verdict),
         'effects': [_effect(j, estimates[j.finding.index]) for j in verdict.judged],
+        'found': _found(trace, estimates),
         'ambiguous': [list(group) for group in verdict.ambiguous],
         'before': _errors(trace.before.candidate, trace),
         'after': _errors(after.candidate, trace),
@@ -41,7 +43,7 @@ def summarise(trace: Trace, verdict: Verdict) -> dict[str, Any]:
         'remainder': {
             'white': trace.white,
             'lines_hz': [line.frequency for line in trace.lines],
-            'depends_on': [{'port': d.port, 'signal': d.signal, 'share': d.share,
+            'depends_on': [{'port': d.port.name, 'signal': d.signal, 'share': d.share,
                             'p_value': d.p_value}
                            for d in trace.depends_on],
             'drifts': drifts(trace),
@@ -55,15 +57,28 @@ def sentence(trace: Trace, verdict: Verdict) -> str:
     """Say the verdict to a person, in one sentence."""
     unit = '' if trace.plant.output.unit == '1' else f' {trace.plant.output.unit}'
     test = [rms(np.concatenate([c.residual(p) for p in trace.test]))
-            for c in (trace.before.candidate, trace.after.candidate)]
+            for c in (trace.before.candidate, trace.final.candidate)]
+    falls = (f'the free-run error on data it was not fitted to falls from {_short(test[0])} to '
+             f'{_short(test[1])}{unit}')
     if verdict.kind == 'nothing_missing':
         return (f'Nothing is missing: the linear model leaves {_short(test[0])}{unit} on data it '
                 f'was not fitted to, and no effect earns its place there.')
     if verdict.kind == 'unexplained':
-        return (f'Something is left that no known effect explains: {remainder_sentence(trace)}.')
+        left = f'Something is left that no known effect explains: {remainder_sentence(trace)}'
+        return left + (f'. With a free curve of the {over(trace.found.placed)}, which has no '
+                       f'name, {falls}.' if trace.found else '.')
     named = ' and '.join(_named(j) for j in verdict.judged)
-    return (f'The model lacks {named}: with it, the free-run error on data it was not fitted to '
-            f'falls from {_short(test[0])} to {_short(test[1])}{unit}.')
+    if trace.found:
+        named += (f', and something that no known effect explains, a free curve of the '
+                  f'{over(trace.found.placed)}')
+    return f'The model lacks {named}: with it, {falls}.'
+
+
+def over(placed: Placed) -> str:
+    """Say over what a curve is, and where."""
+    signal = placed.effect.reads[0]
+    what = placed.port.meaning if signal == 'value' else signal.replace('_', ' ')
+    return f'{what} at the {placed.port.name}'
 
 
 def _named(judged: Judged) -> str:
@@ -80,7 +95,7 @@ def remainder_sentence(trace: Trace) -> str:
     if trace.depends_on:
         first = trace.depends_on[0]
         what = 'value' if first.signal == 'value' else first.signal.replace('_', ' ')
-        parts.append(f'it depends on the {what} at the {first.port} '
+        parts.append(f'it depends on the {what} at the {first.port.name} '
                      f'({first.share:.0%} of what is left)')
     if drifts(trace):
         parts.append('a parameter drifts over the recording')
@@ -100,6 +115,25 @@ def _effect(judged: Judged, estimates: dict[str, Any]) -> dict[str, Any]:
         'p_value': judged.finding.p_value, 'share_of_residual': judged.finding.share,
         'certain': judged.certain,
         'rivals': [{'id': name, 'delta_bic': distance} for name, distance in judged.rivals],
+    }
+
+
+def _found(trace: Trace, estimates: list[dict[str, Any]]) -> dict[str, Any] | None:
+    """Describe the curve that has no name; None where there is none."""
+    if trace.found is None:
+        return None
+    placed = trace.found.placed
+    low, high, *added = estimates[-1].values()
+    return {
+        'id': placed.effect.id, 'port': placed.port.name, 'signal': placed.effect.reads[0],
+        'explained': False, 'says': f'a free curve of the {over(placed)}',
+        'p_value': trace.found.p_value, 'share_of_residual': trace.found.proof.relative,
+        'between': [trace.found.proof.low, trace.found.proof.high],
+        'units': {'knots': low['unit'], 'added': added[0]['unit']},
+        'knots': np.linspace(low['value'], high['value'], len(added)).tolist(),
+        'added': [a['value'] for a in added], 'std_errors': [a['std_error'] for a in added],
+        'others': [{'port': other.port.name, 'signal': other.effect.reads[0],
+                    'delta_bic': distance} for other, distance in trace.found.others],
     }
 
 

@@ -25,8 +25,8 @@ FIGURES = 'figures'
 def write_files(trace: Trace, folder: Path, provenance: dict[str, Any]) -> dict[str, Any]:
     """Write all files of a trace; none is replaced before all are made.
 
-    These are report.json, report.html, model.yaml, series.csv, figures/*.png and, where an effect
-    was found, before.yaml, the model without it.
+    These are report.json, report.html, model.yaml, series.csv, figures/*.png and, where something
+    was added to the model, before.yaml, the model without it.
 
     Returns:
         The report object.
@@ -50,8 +50,8 @@ def write_files(trace: Trace, folder: Path, provenance: dict[str, Any]) -> dict[
             write_series(trace, ran, new / 'series.csv')
             for illustration in drawn:
                 write_png(illustration, new / FIGURES / f'{illustration.name}.png')
-            write_model(model_of(trace, trace.after, provenance), new / 'model.yaml')
-            if verdict.judged:
+            write_model(model_of(trace, trace.final, provenance), new / 'model.yaml')
+            if trace.changed:
                 write_model(model_of(trace, trace.before, provenance), new / 'before.yaml')
             else:
                 (folder / 'before.yaml').unlink(missing_ok=True)

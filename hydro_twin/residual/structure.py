@@ -13,13 +13,14 @@ from itertools import pairwise
 import numpy as np
 from scipy import signal, stats
 
+from hydro_twin.effects.curve import KNOTS
 from hydro_twin.fitting.candidate import Candidate, Part, START
 from hydro_twin.fitting.free_run import Fit
+from hydro_twin.plants import Port
 from hydro_twin.plants.difference_equation import DifferenceEquation, from_state_space
 from hydro_twin.plants.plant import FloatArray
 from hydro_twin.predictors.system import discretise
 
-HATS = 9
 BLOCK = 100             # samples, longer than the memory of noise
 FOLDS = 5
 RIDGES = (1e-5, 1e-3, 1e-1)     # of which the best is taken, and counted as three tries
@@ -39,7 +40,7 @@ class Dependence:
         knots, curve: the signal and what is added to the value of the port there.
     """
 
-    port: str
+    port: Port
     signal: str
     share: float
     p_value: float
@@ -81,7 +82,7 @@ def dependences(fit: Fit, parts: Sequence[Part]) -> list[Dependence]:
         low, high = np.quantile(reach, [0.001, 0.999])
         if not high - low > 1e-12 * max(abs(low), abs(high), 1e-300):
             continue
-        knots = np.linspace(low, high, HATS)
+        knots = np.linspace(low, high, KNOTS)
         filter_ = carry.b[:, port]
         columns = np.concatenate([_carried(hats(seen[:, row], knots), filter_, carry.a)
                                   for seen in observed])
@@ -89,7 +90,7 @@ def dependences(fit: Fit, parts: Sequence[Part]) -> list[Dependence]:
         p_value = min(1.0, p_value * len(groups))
         if p_value > LEVEL or share < WORTH:
             continue
-        found.append(Dependence(candidate.plant.ports[port].name, name, share, p_value, knots,
+        found.append(Dependence(candidate.plant.ports[port], name, share, p_value, knots,
                                 weights))
     return sorted(found, key=lambda d: -d.share)
 

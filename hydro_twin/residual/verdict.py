@@ -3,7 +3,8 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from hydro_twin.residual.trace import Finding, Trace
+from hydro_twin.residual.chain import Finding
+from hydro_twin.residual.trace import Trace
 
 CLOSE = 10.0            # distance of the criterion below which the data do not tell rivals apart
 FAR = 100.0             # and from which a rival is no longer near

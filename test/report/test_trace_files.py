@@ -64,8 +64,8 @@ def test_figures_of_an_earlier_trace_go(tmp_path, found):
     (tmp_path / 'mine.txt').write_text('kept')
     write_files(trace('positioning', found=False), tmp_path, PROVENANCE)
     assert names(tmp_path) == [
-        'figures/left_command_value.png', 'figures/output.png', 'figures/spectra.png', 'mine.txt',
-        'model.yaml', 'report.html', 'report.json', 'series.csv']
+        'figures/left_command_command_value.png', 'figures/output.png', 'figures/spectra.png',
+        'mine.txt', 'model.yaml', 'report.html', 'report.json', 'series.csv']
 
 
 def test_nothing_is_replaced_before_all_is_made(tmp_path, found, monkeypatch):

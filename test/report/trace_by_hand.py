@@ -6,12 +6,13 @@ import numpy as np
 from hydro_twin.fitting.candidate import Candidate, Part
 from hydro_twin.model import place
 from hydro_twin.plants import plant_named
+from hydro_twin.residual.chain import Finding
 from hydro_twin.residual.noise import is_white, Line, noise_floor
 from hydro_twin.residual.proof import improvement
 from hydro_twin.residual.screen import Hidden
 from hydro_twin.residual.select import Contender, search, stretches
 from hydro_twin.residual.structure import Dependence
-from hydro_twin.residual.trace import Finding, Trace
+from hydro_twin.residual.trace import Trace
 
 # For each plant, effects that show under the inputs below, and one that is tried in their place.
 EFFECTS = {
@@ -61,13 +62,13 @@ def trace(name, found=True, seconds=0.6, source='a bag'):
     return Trace(
         plant=truth.plant, before=before, after=after, train=train, test=test, fitted=train,
         hidden=(Hidden('ripple', 'motor', 'turn it <slowly> & far'),),
-        findings=tuple(Finding(k, 1.25e-30, 0.875, 321.0, ((other, 43.25 + k),))
+        findings=tuple(Finding(k, 1.25e-30, 0.875, ((other, 43.25 + k),))
                        for k in range(len(effects))) if found else (),
         proof=improvement([before.candidate.residual(p) for p in test],
                           [after.candidate.residual(p) for p in test], 0),
         floor=noise_floor(stretches(after)), white=is_white(stretches(after)),
         lines=() if found else (Line(50.25, 0.125),),
         depends_on=() if found else (
-            Dependence(port.name, 'value', 0.625, 3.5e-7, np.linspace(-1.0, 1.0, 5),
+            Dependence(port, 'value', 0.625, 3.5e-7, np.linspace(-1.0, 1.0, 5),
                        np.arange(5.0)),),
         drifts=(0.001, 0.5), foretold=(0.002, 0.75))

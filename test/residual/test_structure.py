@@ -53,7 +53,7 @@ def test_port_and_signal_of_a_law_are_found(name):
     """Flow and leakage differ by a sign only; the spool and the flow by a factor."""
     _, ports, signal = LAWS[name]
     first = dependences(*lacking(name)[:2])[0]
-    assert first.port in ports
+    assert first.port.name in ports
     assert first.signal == signal
     assert first.share > 0.2
     assert first.p_value < 0.01
