@@ -16,8 +16,9 @@ def law(v, s, p, z, h, c, z_next):  # type: ignore[no-untyped-def]
     and slide at it [Canudas de Wit et al. 1995, eqs 1 to 4, in the elastic-plastic limit of
     Dupont et al. 2002]. Solved for the end of the step, so that a stiff bristle holds the mass
     rather than making it chatter (Moreau's time stepping); sigma = inf is Coulomb's law.
+    With w > 0 the mass creeps instead of sticking: g tanh(velocity / w), and no bristles.
     """
-    F_c, F_s, v_s, sigma = p[0], p[1], p[2], p[3]
+    F_c, F_s, v_s, sigma, w = p[0], p[1], p[2], p[3], p[4]
     if h == 0.0:
         return v
     # The force that would stop bristle and mass together at the end of the step.
@@ -30,6 +31,9 @@ def law(v, s, p, z, h, c, z_next):  # type: ignore[no-untyped-def]
     for _ in range(2):
         after = max(abs(free) - c * g, 0.0)
         g = F_c + F_s * math.exp(-(0.5 * (before + after) / v_s) ** 2)
+    if w > 0.0:
+        z_next[1] = creeping(free, c * g, w)
+        return v - (free - z_next[1]) / c
     force = min(max(stopping, -g), g)
     z_next[1] = free - c * force
     if not rigid:
@@ -37,19 +41,37 @@ def law(v, s, p, z, h, c, z_next):  # type: ignore[no-untyped-def]
     return v - force
 
 
+@compiled
+def creeping(free, most, w):  # type: ignore[no-untyped-def]
+    """Solve velocity + most tanh(velocity / w) = free, to rounding.
+
+    The left side is concave for positive velocities, so Newton's method climbs from below.
+    """
+    target = abs(free)
+    velocity = target / (1.0 + most / w)
+    for _ in range(30):
+        share = math.tanh(velocity / w)
+        slope = 1.0 + most / w * (1.0 - share * share)
+        step = (target - velocity - most * share) / slope
+        velocity += step
+        if step <= 1e-14 * target:
+            break
+    return math.copysign(velocity, free)
+
+
 def starts(span: Span) -> Starts:
-    """Sliding force against the largest force seen; breakaway and bristles left out."""
-    return [(share * span.value, 0.0, 1.0, math.inf)
+    """Sliding force against the largest force seen; breakaway, bristles, creep left out."""
+    return [(share * span.value, 0.0, 1.0, math.inf, 0.0)
             for share in (0.003, 0.01, 0.03, 0.1, 0.25, 0.5)]
 
 
 def refined(span: Span, values: tuple[float, ...]) -> Starts:
-    """Bristles, then a force to break away, then both."""
+    """Bristles, then a force to break away, then both; then creep."""
     F_c = values[0]
     v_s = 0.05 * span.signals['velocity']
     sigma = F_c / (0.01 * span.signals['position'])
-    return [(F_c, 0.0, 1.0, sigma), (F_c, 0.3 * F_c, v_s, math.inf),
-            (F_c, 0.3 * F_c, v_s, sigma)]
+    return [(F_c, 0.0, 1.0, sigma, 0.0), (F_c, 0.3 * F_c, v_s, math.inf, 0.0),
+            (F_c, 0.3 * F_c, v_s, sigma, 0.0), (F_c, 0.0, 1.0, math.inf, v_s)]
 
 
 EFFECT = Effect(
@@ -65,6 +87,8 @@ EFFECT = Effect(
                         1e-9, 1e6, refinement=1.0),
         EffectParameter('bristle_stiffness', 'stiffness sigma of the bristles before sliding',
                         'value/position', 1e-6, math.inf, refinement=math.inf),
+        EffectParameter('creep_velocity', 'velocity w below which it creeps, not sticks',
+                        'velocity', 0.0, 1e6, log=False, refinement=0.0),
     ),
     starts=starts,
     excitation='let the velocity change sign slowly under load',

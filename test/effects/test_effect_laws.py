@@ -5,6 +5,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 import numpy as np
 import pytest
+from scipy.optimize import brentq
 
 from hydro_twin.effects import EFFECTS
 
@@ -161,8 +162,8 @@ def rub(free, compliance, parameters, z=0.0, h=5e-4):
     return force, z_next[0]
 
 
-coulomb_and_stribeck = st.tuples(above, st.floats(0.0, 10.0), above, st.just(INF))
-bristles = st.tuples(above, st.floats(0.0, 10.0), above, st.floats(1.0, 1e7))
+coulomb_and_stribeck = st.tuples(above, st.floats(0.0, 10.0), above, st.just(INF), st.just(0.0))
+bristles = st.tuples(above, st.floats(0.0, 10.0), above, st.floats(1.0, 1e7), st.just(0.0))
 
 
 @given(number, above, coulomb_and_stribeck)
@@ -177,15 +178,27 @@ def test_friction_takes_energy_or_holds_still(free, compliance, parameters):
 
 @given(number, above, above)
 def test_sliding_friction_is_coulombs(free, compliance, sliding):
-    force, _ = rub(free, compliance, (sliding, 0.0, 1.0, INF))
+    force, _ = rub(free, compliance, (sliding, 0.0, 1.0, INF, 0.0))
     expected = np.sign(free) * min(sliding, abs(free) / compliance)
     assert force == pytest.approx(expected, rel=1e-12)
 
 
 def test_breakaway_is_gone_at_high_speed():
-    parameters = (2.0, 3.0, 0.1, INF)
+    parameters = (2.0, 3.0, 0.1, INF, 0.0)
     assert rub(10.0, 1e-6, parameters)[0] == pytest.approx(2.0)
     assert rub(1e-5, 1e-6, parameters)[0] == pytest.approx(5.0, rel=1e-6)
+
+
+@given(above | st.floats(-10.0, -1e-3), above, above, above)
+def test_creep_follows_its_own_velocity(free, compliance, sliding, creep):
+    """Against scipy's bracketing root of velocity + c F_c tanh(velocity / w) = free."""
+    def balance(velocity):
+        return velocity + compliance * sliding * np.tanh(velocity / creep) - abs(free)
+
+    force, _ = rub(free, compliance, (sliding, 0.0, 1.0, INF, creep))
+    velocity = brentq(balance, 0.0, abs(free))
+    assert free - compliance * force == pytest.approx(
+        np.copysign(velocity, free), rel=1e-9, abs=1e-12 * abs(free))
 
 
 @given(number, above, bristles, st.floats(-1.0, 1.0))
@@ -201,6 +214,6 @@ def test_bristles_give_back_no_more_than_they_hold(free, compliance, parameters,
 
 @given(number, above, above)
 def test_stiff_bristles_are_coulombs_friction(free, compliance, sliding):
-    stiff, _ = rub(free, compliance, (sliding, 0.0, 1.0, 1e15))
-    rigid, _ = rub(free, compliance, (sliding, 0.0, 1.0, INF))
+    stiff, _ = rub(free, compliance, (sliding, 0.0, 1.0, 1e15, 0.0))
+    rigid, _ = rub(free, compliance, (sliding, 0.0, 1.0, INF, 0.0))
     assert stiff == pytest.approx(rigid, rel=1e-6, abs=1e-9)
