@@ -6,11 +6,11 @@ from itertools import combinations
 
 import numpy as np
 
-from benchmarks.tracing.lacking import EFFECTS, OUTSIDE, VARIED
+from benchmarks.tracing.lacking import EFFECTS, OUTSIDE, STATIC, VARIED
 from benchmarks.tracing.rigs import make_rig, Rig
 from benchmarks.tracing.signals import EXCITATIONS
 
-KINDS = ('none', 'single', 'variant', 'outside', 'pair')
+KINDS = ('none', 'single', 'variant', 'outside', 'pair', 'static')
 NOISE_LEVELS = (46.0, 26.0, 36.0)
 FIRST_SEED = {'development': 0, 'held_out': 1_000_000}
 BLOCK = 2000    # seeds of a kind
@@ -22,6 +22,7 @@ _CHOICES: dict[str, list[tuple[str, ...]]] = {
     'variant': [(e,) for e in VARIED],
     'outside': [(e,) for e in OUTSIDE],
     'pair': [_PAIRS[i] for i in np.random.default_rng(0).permutation(len(_PAIRS))],
+    'static': [(e,) for e in STATIC],
 }
 
 

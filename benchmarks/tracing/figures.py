@@ -13,7 +13,10 @@ from typing import Any
 
 import numpy as np
 
+from benchmarks.tracing.lacking import STATIC
+
 Line = dict[str, Any]
+ENOUGH = 0.8    # of what the true law would explain
 SHOWS = 0.03    # an effect shows where the best linear fit's error is this far above the noise
 
 
@@ -38,14 +41,15 @@ def certain(line: Line) -> list[str]:
 def outcome(line: Line) -> str:
     """Judge a trace: 'right', 'part' (of a pair), 'ambiguous', 'wrong', a verdict or 'failure'.
 
-    right: the effect first, or both of a pair; for 'none' and 'outside', nothing named.
+    right: the effect first, or both of a pair. For 'none', 'outside' and 'static' nothing is to be
+    named.
     ambiguous: another first, in a set that the report says cannot be told from the right one.
     """
     if 'failure' in line:
         return 'failure'
     names, there = named(line), line['effects']
     verdict = str(line['report']['verdict'])
-    if line['kind'] in ('none', 'outside'):
+    if line['kind'] in ('none', 'outside', 'static'):
         return 'wrong' if names else verdict
     if line['kind'] == 'pair':
         found = len(set(there) & set(names))
@@ -60,7 +64,7 @@ def outcome(line: Line) -> str:
 def report(lines: Sequence[Line]) -> str:
     """Return the figures, the confusion matrix and the outcomes by kind, noise and excitation."""
     parts = ['| figure | reached | of |', '|---|---|---|', *_figures(lines), '']
-    for kind in ('single', 'variant', 'pair', 'outside', 'none'):
+    for kind in ('single', 'variant', 'pair', 'outside', 'static', 'none'):
         of_kind = [line for line in lines if line['kind'] == kind]
         if not of_kind:
             continue
@@ -111,11 +115,43 @@ def _figures(lines: Sequence[Line]) -> list[str]:
                   for x in of(kind) if outcome(x) == 'right']
         rows.append(_share(f"{kind}, right: test error within 10 % of the true structure's",
                            ratios, lambda ratio: ratio <= 1.1))
+    rows += _static([x for x in lines if x['kind'] == 'static' and x['shows'] >= SHOWS])
     if lines:
         seconds = [x['seconds'] for x in lines]
         rows.append(f'| seconds a trace, median (largest) | {np.median(seconds):.1f}'
                     f' ({max(seconds):.1f}) | {len(seconds)} |')
     return rows
+
+
+def _static(lines: Sequence[Line]) -> list[str]:
+    """Count the curves that stand for a law outside the library; nothing where none was run."""
+    if not lines:
+        return []
+    seen = [x for x in lines if x.get('report', {}).get('found')]
+    return [
+        _share('static: a curve found', lines, lambda x: x in seen),
+        _share('static: port and signal of the curve right', lines,
+               lambda x: x in seen and placed_right(x)),
+        _share('static: where a curve was found, port and signal right', seen, placed_right),
+        _share('static: at least 80 % explained of what the true law would', lines,
+               lambda x: explained(x) >= ENOUGH),
+        _share('static: an effect named, none of them certain', lines,
+               lambda x: bool(named(x)) and not certain(x)),
+        _share('static: an effect certain', lines, lambda x: bool(certain(x)))]
+
+
+def placed_right(line: Line) -> bool:
+    """Whether the curve found is at a port and over a signal that show the law built in."""
+    found = line['report']['found']
+    return (found['kind'], found['signal']) in STATIC[line['effects'][0]]
+
+
+def explained(line: Line) -> float:
+    """Share of the test part's error that is explained, over that above the noise."""
+    if 'failure' in line:
+        return 0.0
+    before, after = (line['report'][when]['free_run']['test'] ** 2 for when in ('before', 'after'))
+    return float((before - after) / (before - line['truth']['noise_rms'] ** 2))
 
 
 def _share[T](title: str, some: Sequence[T], is_so: Callable[[T], bool]) -> str:

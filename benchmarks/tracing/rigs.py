@@ -39,7 +39,7 @@ class Truth:
     """What a tracer is not told.
 
     Attributes:
-        kind: 'none', 'single', 'variant', 'outside' or 'pair'.
+        kind: one of KINDS in cases.py.
         laws, command, sensor: the rig itself, every field of it.
         built: the effects built in.
         excitation: one of EXCITATIONS.
@@ -136,8 +136,9 @@ def make_rig(
 
     Args:
         seed: the seed.
-        kind: 'none', 'single', 'variant', 'outside' or 'pair'.
-        effects: ids, of EFFECTS, VARIED or OUTSIDE in lacking.py by the kind; two for 'pair'.
+        kind: one of KINDS in cases.py.
+        effects: ids, of EFFECTS, VARIED, OUTSIDE or STATIC in lacking.py by the kind; two for
+            'pair'.
         excitation: one of EXCITATIONS.
         snr_db: rms of T_g over rms of its noise [dB].
         left_out: effects drawn like the others, but not built in.
@@ -148,7 +149,7 @@ def make_rig(
         name: float(np.exp(of_laws.uniform(np.log(low), np.log(high))))
         for name, (low, high) in BOX.items()})
     drive, running = _draw_drive(linear, excitation, of_drive)
-    drawn_from = 'single' if kind == 'pair' else kind
+    drawn_from = {'pair': 'single', 'static': 'outside'}.get(kind, kind)
     scales = _scales(drive.torques(linear, Command(), 20), linear)
     drawn = [draw(drawn_from, effect, scales, of_effects) for effect in effects]
     built = tuple(b for b in drawn if b.id not in left_out)

@@ -13,12 +13,12 @@ import numpy as np
 from scipy import signal
 
 from hydro_twin.effects import Placed
-from hydro_twin.fitting.candidate import Candidate, Part, rms, START
+from hydro_twin.fitting.candidate import Part, rms, START
 from hydro_twin.fitting.free_run import Fit
 from hydro_twin.plants.plant import FloatArray
-from hydro_twin.predictors import kernel
 from hydro_twin.report.chart import AFTER, axis, BEFORE, Chart, Curve, FOUND, Illustration, View
 from hydro_twin.residual.noise import autoregression
+from hydro_twin.residual.passing import Passing, passing
 from hydro_twin.residual.select import stretches
 from hydro_twin.residual.structure import BLOCK, hats, to_output
 
@@ -28,45 +28,6 @@ JUMP = 0.01             # the same, where a force jumps
 DOTS = 1500             # of a law
 TRIALS = 25             # delays at which the error is shown
 WIDEST = 1.0            # standard error of a knot worth showing, over the reach of the law
-
-
-@dataclass(frozen=True)
-class Passing:
-    """What passes at the port of one effect while a model runs over a part.
-
-    Attributes:
-        signals: what the law reads there, the port's own value among it, each (N,).
-        added: by the effect to the port's value, (N,).
-        left: measured less predicted, (N,).
-    """
-
-    signals: dict[str, FloatArray]
-    added: FloatArray
-    left: FloatArray
-
-
-def passing(candidate: Candidate, placed: Placed, part: Part) -> Passing:
-    """Run over a part and watch one effect; explicit ones on the same port count together."""
-    s = candidate.system
-    ordered = sorted((p for p in candidate.effects if p.effect.law is not None),
-                     key=lambda p: candidate.plant.ports.index(p.port))
-    e, port = ordered.index(placed), candidate.plant.ports.index(placed.port)
-    m = len(s.shift)
-    x, z, work = candidate.start(part), np.zeros(s.memory), s.work()
-    u, d = work[1, :m], work[5, :len(candidate.plant.ports)]
-    seen = np.empty((len(part.inputs), len(s.H)))
-    added, y = np.empty(len(seen)), np.empty(len(seen))
-    for k in range(len(seen)):
-        if k == 0:
-            y[k] = kernel.output(s.H, s.table, s.active, s.p, s.shift, x, z, work, part.inputs, k)
-        else:
-            y[k] = kernel.advance(s.M, s.H, s.table, s.active, s.p, s.shift, s.held, s.substeps,
-                                  s.sample_time, x, z, work, part.inputs, k)
-        added[k] = z[len(z) - len(s.table) + e] if placed.effect.implicit else d[port]
-        seen[k] = s.H @ np.concatenate([x, u, d])
-    rows = {} if placed.effect.implicit else {'value': port}
-    rows |= dict(zip(placed.effect.reads, s.table[e, kernel.SIGNAL_0:], strict=False))
-    return Passing({name: seen[:, row] for name, row in rows.items()}, added, part.measured - y)
 
 
 @dataclass(frozen=True)

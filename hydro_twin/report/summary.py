@@ -125,8 +125,9 @@ def _found(trace: Trace, estimates: list[dict[str, Any]]) -> dict[str, Any] | No
     placed = trace.found.placed
     low, high, *added = estimates[-1].values()
     return {
-        'id': placed.effect.id, 'port': placed.port.name, 'signal': placed.effect.reads[0],
-        'explained': False, 'says': f'a free curve of the {over(placed)}',
+        'id': placed.effect.id, 'port': placed.port.name, 'kind': placed.port.kind,
+        'signal': placed.effect.reads[0], 'explained': False,
+        'says': f'a free curve of the {over(placed)}',
         'p_value': trace.found.p_value, 'share_of_residual': trace.found.proof.relative,
         'between': [trace.found.proof.low, trace.found.proof.high],
         'units': {'knots': low['unit'], 'added': added[0]['unit']},

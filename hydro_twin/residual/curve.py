@@ -4,18 +4,21 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
+import numpy as np
+
 from hydro_twin.effects import Placed
-from hydro_twin.effects.curve import curve
+from hydro_twin.effects.curve import curve, KNOTS, values
 from hydro_twin.fitting.candidate import Candidate, Part
 from hydro_twin.fitting.free_run import Fit
+from hydro_twin.residual.passing import passing
 from hydro_twin.residual.proof import Improvement, improvement
 from hydro_twin.residual.select import criterion, far, gain_p_value, search
 from hydro_twin.residual.structure import Dependence
 
-MOST = 6                # dependences that are fitted in full
-STEPS = 40              # of each fit
-LEVEL = 1e-3            # of its test, corrected for all dependences tried
-SAME = 1.0              # distance of the criterion within which two curves are one
+MOST, KEPT = 6, 3       # dependences that are fitted, and of these searched to the end
+SHORT, LONG = 8, 25     # evaluations of a search: to compare, to the end
+LEVEL = 1e-3            # of the test of the best, corrected for all dependences tried
+SAME = 10.0             # distance of the criterion within which the data prefer neither of two
 STRENGTHS = (1.0, 0.3, 0.1)     # of the curve that the linear laws suggest, to begin at
 
 
@@ -55,24 +58,23 @@ def find_curve(fit: Fit, parts: Sequence[Part], unseen: Sequence[Part],
     Returns:
         None where no curve makes the free run better on data that was not fitted.
     """
-    fits = [search(_begin(fit.candidate, dependence, parts), parts, STEPS)
-            for dependence in depends_on[:MOST]]
-    if not fits:
+    tried = [search(_begin(fit.candidate, dependence, parts), parts, SHORT, fit)
+             for dependence in depends_on[:MOST]]
+    if not tried:
         return None
+    tried.sort(key=lambda one: one.cost)
+    fits = [_to_the_end(one, parts) for one in tried[:KEPT]]
     scores = criterion(fits)
-    best = min(scores)
     # The value of a port is often a multiple of a signal there, which says more.
-    order = sorted(range(len(fits)), key=lambda k: (
-        scores[k] > best + SAME, _signal(fits[k]) == 'value', scores[k]))
-    found = fits[order[0]]
-    p_value = gain_p_value(fit, found, len(fits))
+    first, *rest = sorted(range(len(fits)), key=lambda k: (
+        scores[k] > min(scores) + SAME, _signal(fits[k]) == 'value', scores[k]))
+    p_value = gain_p_value(fit, fits[first], len(depends_on))
     proof = improvement([fit.candidate.residual(p) for p in unseen],
-                        [found.candidate.residual(p) for p in unseen], seed)
+                        [fits[first].candidate.residual(p) for p in unseen], seed)
     if p_value > LEVEL or proof.low <= 0.0:
         return None
-    others = sorted(((fits[k].candidate.effects[-1], scores[k] - scores[order[0]])
-                     for k in order[1:]), key=lambda other: other[1])
-    return Found(found, proof, p_value, tuple(others))
+    others = [(fits[k].candidate.effects[-1], scores[k] - scores[first]) for k in rest]
+    return Found(fits[first], proof, p_value, tuple(sorted(others, key=lambda other: other[1])))
 
 
 def _signal(fit: Fit) -> str:
@@ -81,7 +83,27 @@ def _signal(fit: Fit) -> str:
 
 def _begin(candidate: Candidate, dependence: Dependence, parts: Sequence[Part]) -> Candidate:
     """Add the curve of a dependence, as strong as helps at once."""
+    low, high = dependence.knots[[0, -1]]
     tried = [replace(candidate, effects=(*candidate.effects, curve(
-        dependence.port, dependence.signal, float(dependence.knots[0]),
-        float(dependence.knots[-1]), strength * dependence.curve))) for strength in STRENGTHS]
+        dependence.port, dependence.signal, float(low), float(high),
+        strength * dependence.curve))) for strength in STRENGTHS]
     return min(tried, key=lambda c: far(c, parts))
+
+
+def _to_the_end(fit: Fit, parts: Sequence[Part]) -> Fit:
+    """Search on, twice, each time with knots over what the signal reaches by now."""
+    for _ in range(2):
+        fit = search(_spread(fit.candidate, parts), parts, LONG)
+    return fit
+
+
+def _spread(candidate: Candidate, parts: Sequence[Part]) -> Candidate:
+    """Put the knots of the curve where its signal is in the runs of the candidate."""
+    *others, placed = candidate.effects
+    signal = placed.effect.reads[0]
+    seen = np.concatenate([passing(candidate, placed, part).signals[signal] for part in parts])
+    low, high = map(float, np.nanquantile(seen, [0.001, 0.999]))
+    if not low < high:
+        return candidate
+    again = curve(placed.port, signal, low, high, values(placed, np.linspace(low, high, KNOTS)))
+    return replace(candidate, effects=(*others, again))

@@ -9,7 +9,8 @@ from trace_by_hand import candidate, parts, trace
 
 from hydro_twin.report.chart import plain, thin
 from hydro_twin.report.figures import illustrations, runs, spectrum
-from hydro_twin.report.shape import free_curves, illustrate_effect, passing, telling
+from hydro_twin.report.shape import free_curves, illustrate_effect, telling
+from hydro_twin.residual.passing import passing
 from hydro_twin.residual.select import search
 from hydro_twin.residual.verdict import judge
 

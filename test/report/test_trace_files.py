@@ -85,3 +85,16 @@ def test_a_folder_that_cannot_be_made(tmp_path, found):
     (tmp_path / 'file').write_text('')
     with pytest.raises(UserError, match='cannot be written'):
         write_files(found, tmp_path / 'file' / 'out', PROVENANCE)
+
+
+@pytest.mark.parametrize('named', [False, True])
+def test_a_curve_is_in_the_model_and_said_to_explain_nothing(tmp_path, named):
+    made = trace('load_simulator', named, True)
+    summary = write_files(made, tmp_path, PROVENANCE)
+    assert summary['verdict'] == ('effect_found' if named else 'unexplained')
+    assert 'curve' not in [effect['id'] for effect in summary['effects']]
+    assert summary['found']['explained'] is False
+    assert {'before.yaml', 'figures/found_command_value.png'} <= set(names(tmp_path))
+    *_, last = read_model(tmp_path / 'model.yaml').placed
+    assert last == made.found.placed
+    assert summary['found']['added'] == pytest.approx(last.values[2:])

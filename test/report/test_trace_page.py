@@ -18,18 +18,19 @@ from hydro_twin.residual.verdict import judge
 
 PROVENANCE = {'bags': [{'path': 'a <bag>', 'sha256': '0123abcd' * 8}], 'test_bags': [], 'seed': 7,
               'command': 'hydro-twin trace "a <bag>"', 'version': '1.2.3'}
-CASES = [(name, found) for name in EFFECTS for found in (True, False)]
+CASES = [*((name, found) for name in EFFECTS for found in (True, False)),
+         *(('load_simulator', found, True) for found in (True, False))]
 
 
-def written(name, found, **more):
-    made = trace(name, found, **more)
+def written(name, *what, **more):
+    made = trace(name, *what, **more)
     verdict = judge(made)
     summary = summarise(made, verdict)
     figures = illustrations(made, verdict, runs(made))
     return page(made, verdict, summary, PROVENANCE, figures), summary
 
 
-@pytest.fixture(scope='module', params=CASES, ids=lambda case: f'{case[0]}-{case[1]}')
+@pytest.fixture(scope='module', params=CASES, ids=lambda case: '-'.join(map(str, case)))
 def case(request):
     return (*request.param, *written(*request.param))
 
@@ -90,7 +91,7 @@ def test_says_every_number_of_the_report(case):
 
 
 def test_begins_with_the_verdict_and_the_two_numbers(case):
-    _, found, text, summary = case
+    _, found, *_, text, summary = case
     assert summary['verdict'] == ('effect_found' if found else 'unexplained')
     _, said = read(text)
     begin = said[said.index(summary['says']):][:len(summary['says']) + 100]

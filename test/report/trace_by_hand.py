@@ -1,14 +1,18 @@
 """Traces put together by hand, so that what a report says of them can be checked quickly."""
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 
+from hydro_twin.effects.curve import curve, KNOTS
 from hydro_twin.fitting.candidate import Candidate, Part
 from hydro_twin.model import place
 from hydro_twin.plants import plant_named
 from hydro_twin.residual.chain import Finding
+from hydro_twin.residual.curve import Found
 from hydro_twin.residual.noise import is_white, Line, noise_floor
-from hydro_twin.residual.proof import improvement
+from hydro_twin.residual.proof import Improvement, improvement
 from hydro_twin.residual.screen import Hidden
 from hydro_twin.residual.select import Contender, search, stretches
 from hydro_twin.residual.structure import Dependence
@@ -31,7 +35,7 @@ SIZE = {'load_simulator': 2.0, 'valve_servo': 1.0, 'cylinder': 1.0, 'positioning
 
 def candidate(name, effects=()):
     plant = plant_named(name)
-    values = {p.name: np.sqrt(p.lower * p.upper) for p in plant.parameters}
+    values = {p.name: float(np.sqrt(p.lower * p.upper)) for p in plant.parameters}
     return Candidate(plant, {**plant.constant_values(), **values}, plant.sample_time,
                      tuple(place(*effect, plant) for effect in effects))
 
@@ -50,8 +54,17 @@ def parts(truth, seconds, noise, seed, source='a bag'):
     return made
 
 
-def trace(name, found=True, seconds=0.6, source='a bag'):
-    """Put a trace together: the effects found, or the same data with nothing found."""
+def unexplained(base, train, port):
+    """Add a curve without a name to a fit."""
+    reach = max(np.abs(part.inputs[:, 0]).max() for part in train)
+    placed = [curve(port, 'value', -reach, reach, height * np.linspace(-1.0, 1.0, KNOTS) ** 3)
+              for height in (0.1 * reach, 0.2 * reach)]
+    fit = search(replace(base.candidate, effects=(*base.candidate.effects, placed[0])), train, 3)
+    return Found(fit, Improvement(0.4375, 0.3125, 0.5625), 1.5e-9, ((placed[1], 6.25),))
+
+
+def trace(name, found=True, curve=False, seconds=0.6, source='a bag'):
+    """Put a trace together: the effects found, or the same data with nothing found, or a curve."""
     effects, rival = EFFECTS[name]
     truth = candidate(name, effects)
     train, test = (parts(truth, seconds, 0.01, seed, source) for seed in (1, 2))
@@ -68,7 +81,8 @@ def trace(name, found=True, seconds=0.6, source='a bag'):
                           [after.candidate.residual(p) for p in test], 0),
         floor=noise_floor(stretches(after)), white=is_white(stretches(after)),
         lines=() if found else (Line(50.25, 0.125),),
-        depends_on=() if found else (
+        depends_on=() if found and not curve else (
             Dependence(port, 'value', 0.625, 3.5e-7, np.linspace(-1.0, 1.0, 5),
                        np.arange(5.0)),),
-        drifts=(0.001, 0.5), foretold=(0.002, 0.75))
+        drifts=(0.001, 0.5), foretold=(0.002, 0.75),
+        found=unexplained(after, train, port) if curve else None)

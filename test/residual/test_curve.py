@@ -1,0 +1,36 @@
+"""A curve that stands for a law without a name: found where the law is, and only there."""
+import numpy as np
+import pytest
+from traced_rig import fitted, record
+
+from hydro_twin.effects.curve import values
+from hydro_twin.residual.curve import find_curve
+from hydro_twin.residual.structure import dependences
+
+
+def found(*effects):
+    fit, train, test = fitted(record(*effects))
+    return find_curve(fit, train, test, dependences(fit, train), 0)
+
+
+def test_a_linear_rig_has_none():
+    assert found() is None
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(('law', 'ports', 'shape'), [
+    (('stiffening', 'coupling', {'cubic': 3e4}), {'coupling'}, lambda x: x**3),
+    (('asymmetry', 'flow', {'imbalance': 0.2}), {'flow', 'spool'}, np.abs),
+])
+def test_is_the_law_but_for_a_straight_line(law, ports, shape):
+    curve = found(law)
+    placed = curve.placed
+    assert placed.port.name in ports
+    assert placed.effect.reads[0] in {'value', 'opening', 'twist'}
+    assert curve.proof.low > 0.9
+    x = np.linspace(*placed.values[:2], 99)
+
+    def bent(y):
+        return y - np.polyval(np.polyfit(x / x.max(), y, 1), x / x.max())
+
+    assert np.corrcoef(bent(values(placed, x)), bent(shape(x)))[0, 1] > 0.98
