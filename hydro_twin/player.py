@@ -1,7 +1,7 @@
 """Plays a bag's topics into ROS with their recorded pacing, for machines without `ros2 bag`."""
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 import contextlib
 from pathlib import Path
 import time
@@ -20,9 +20,11 @@ from hydro_twin.live.messages import message_class
 from hydro_twin.recording.bag import opened
 
 TICK = 0.025       # between two messages on /clock [s], as `ros2 bag play` has it
-LISTENERS = 2.0    # how long someone to listen is waited for [s]
+FIRST = 10.0       # how long anyone to listen is waited for [s]
+MORE = 3.0         # and after the first, for those of the other topics [s]
 SETTLE = 0.5       # until listeners have found us as we have found them [s]
-DEPTH = 1000       # messages kept for a listener that is slow
+ACKNOWLEDGED = 2.0   # how long the last messages may take to arrive [s]
+DEPTH = 5000       # messages kept for a listener that is slow, 10 s of them at 500 Hz
 
 
 def play(bag: Path, rate: float = 1.0, loop: bool = False, clock: bool = False) -> dict[str, int]:
@@ -58,6 +60,7 @@ class _Player:
     """One bag on its way into ROS."""
 
     def __init__(self, node: Node, reader: Any, rate: float, clock: bool) -> None:
+        self._node = node
         self._reader = reader
         self._rate = rate
         self._publishers = {
@@ -70,7 +73,8 @@ class _Player:
     def run(self, loop: bool) -> dict[str, int]:
         """Play once, or for ever."""
         publishers = list(self._publishers.values())
-        _await_listeners(publishers)
+        if not _await_listeners(publishers):
+            self._node.get_logger().warning('nobody listens to the topics of this bag')
         while rclpy.ok():
             for connection, payload in self._paced():
                 self._publishers[connection.id].publish(payload)
@@ -79,7 +83,7 @@ class _Player:
                 break
         for publisher in publishers:
             if rclpy.ok():
-                publisher.wait_for_all_acked(Duration(seconds=LISTENERS))
+                publisher.wait_for_all_acked(Duration(seconds=ACKNOWLEDGED))
         return self._count
 
     def _paced(self) -> Iterator[tuple[Any, bytes]]:
@@ -108,11 +112,20 @@ def _qos(connection: Any) -> QoSProfile:
                       else DurabilityPolicy.VOLATILE)
 
 
-def _await_listeners(publishers: list[Publisher]) -> None:
-    """Wait a while until someone listens to each topic, so that the first messages arrive."""
-    until = time.monotonic() + LISTENERS
-    while rclpy.ok() and time.monotonic() < until:
-        if all(publisher.get_subscription_count() for publisher in publishers):
-            break
+def _await_listeners(publishers: Sequence[Publisher]) -> int:
+    """Wait until someone listens to each topic, so that the first messages arrive.
+
+    A machine under load takes seconds to find another process. Who has found it knows at once
+    most of what it listens to, so a topic of which nobody wants to hear does not delay for long.
+
+    Returns:
+        The topics that someone listens to.
+    """
+    found, until = 0, time.monotonic() + FIRST
+    while rclpy.ok() and found < len(publishers) and time.monotonic() < until:
+        count = sum(publisher.get_subscription_count() > 0 for publisher in publishers)
+        if count > found:
+            found, until = count, time.monotonic() + MORE
         time.sleep(TICK)
     time.sleep(SETTLE)
+    return found

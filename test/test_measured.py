@@ -4,9 +4,6 @@ from __future__ import annotations
 import json
 import os
 from pathlib import Path
-import subprocess
-import sys
-import time
 from typing import Any
 
 import numpy as np
@@ -108,11 +105,9 @@ def test_cylinder(shell: Shell, tmp_path: Path) -> None:
         whole(DOCS / 'measured' / 'cylinder_asymmetry.yaml'), 1))
 
 
-def test_live_on_the_played_recording(shell: Shell, tmp_path: Path,
-                                      monkeypatch: pytest.MonkeyPatch) -> None:
+def test_live_on_the_played_recording(shell: Shell, tmp_path: Path, rig: Any) -> None:
     """Two seconds of EMPS, in which it moves, through a node of its own process."""
-    rclpy = pytest.importorskip('rclpy')
-    from rclpy.qos import QoSProfile
+    from ros_rig import lossless, play, twin
     from sensor_msgs.msg import JointState
 
     plant = PLANTS['positioning']
@@ -126,36 +121,10 @@ def test_live_on_the_played_recording(shell: Shell, tmp_path: Path,
     assert np.ptp(series['x']) > 0.01
     expected = load(model).one_step(series)
 
-    monkeypatch.setenv('ROS_AUTOMATIC_DISCOVERY_RANGE', 'LOCALHOST')
-    monkeypatch.setenv('ROS_DOMAIN_ID', str(os.getpid() % 100 + 1))
-    topics = [signal.topic for signal in signals.values()]
-    reliable = [f'qos_overrides.{topic}.subscription.{setting}' for topic in topics
-                for setting in ('reliability:=reliable', 'depth:=5000')]
-    flags = [word for flag in (f'model:={model}', *reliable) for word in ('-p', flag)]
-    rclpy.init(args=[])
-    listener = rclpy.create_node('listener')
-    heard: list[JointState] = []
-    listener.create_subscription(JointState, '/hydro_twin/prediction', heard.append,
-                                 QoSProfile(depth=5000))
-    with subprocess.Popen([sys.executable, '-m', 'hydro_twin.node', '--ros-args', *flags]) as node:
-        try:
-            until(listener, lambda: listener.count_subscribers(topics[0])
-                  and listener.count_publishers('/hydro_twin/prediction'))
-            with subprocess.Popen([sys.executable, '-m', 'hydro_twin.commands.main', 'replay',
-                                   str(bag), '--publish'], stdout=subprocess.DEVNULL) as player:
-                until(listener, lambda: len(heard) >= len(series) - plant.order)
-                player.wait(30)
-        finally:
-            node.terminate()
-            listener.destroy_node()
-            rclpy.try_shutdown()
+    topics = sorted({signal.topic for signal in signals.values()})
+    heard = rig.listen('/hydro_twin/prediction', JointState)
+    with twin(model=model, **lossless(topics)):
+        rig.ready(topics)
+        play(bag)
+        rig.until(lambda: len(heard) >= len(series) - plant.order, 'all is predicted')
     assert [message.position[0] for message in heard] == expected[plant.order:].tolist()
-
-
-def until(node: Any, condition: Any) -> None:
-    import rclpy
-
-    end = time.monotonic() + 60.0
-    while not condition():
-        assert time.monotonic() < end, 'waited in vain'
-        rclpy.spin_once(node, timeout_sec=0.02)

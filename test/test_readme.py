@@ -1,6 +1,5 @@
 """The commands and links of the documentation: each is one that works."""
 import argparse
-from collections.abc import Callable
 import importlib
 import os
 from pathlib import Path
@@ -8,7 +7,7 @@ import re
 import shlex
 import subprocess
 import sys
-import time
+from typing import Any
 
 import numpy as np
 import pytest
@@ -62,9 +61,7 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 @pytest.fixture(scope='module')
 def environment() -> dict[str, str]:
-    return os.environ | {
-        'PATH': f'{Path(sys.executable).parent}:{os.environ["PATH"]}',
-        'ROS_AUTOMATIC_DISCOVERY_RANGE': 'LOCALHOST', 'ROS_DOMAIN_ID': str(os.getpid() % 100 + 1)}
+    return os.environ | {'PATH': f'{Path(sys.executable).parent}:{os.environ["PATH"]}'}
 
 
 @pytest.mark.slow
@@ -84,40 +81,21 @@ def test_commands_run_in_their_order(folder: Path, environment: dict[str, str]) 
 @pytest.mark.slow
 @pytest.mark.filterwarnings("ignore:module 'sre_")
 def test_the_repaired_model_runs_live_with_a_smaller_residual(
-        folder: Path, environment: dict[str, str]) -> None:
+        folder: Path, environment: dict[str, str], rig: Any) -> None:
     """What `before` misses by 4 N m, the repaired one has to within the noise of 0.6."""
-    rclpy = pytest.importorskip('rclpy')
-    from rclpy.qos import QoSProfile
+    from ros_rig import ended
     from sensor_msgs.msg import JointState
 
     node, play = (next(command for command in commands(README) if word in command)
                   for word in ('hydro-twin node', '--publish'))
-    heard: dict[str, list[float]] = {'/hydro_twin/residual': [], '/hydro_twin/before/residual': []}
-    with pytest.MonkeyPatch.context() as patch:
-        for name, value in environment.items():
-            patch.setenv(name, value)
-        rclpy.init(args=[])
-    listener = rclpy.create_node('listener')
-    for topic, values in heard.items():
-        listener.create_subscription(
-            JointState, topic, lambda message, values=values: values.append(message.effort[0]),
-            QoSProfile(depth=5000))
-
-    def until(condition: Callable[[], bool]) -> None:
-        end = time.monotonic() + 60.0
-        while not condition():
-            assert time.monotonic() < end, 'waited in vain'
-            rclpy.spin_once(listener, timeout_sec=0.02)
-
-    with subprocess.Popen(f'exec {node}', shell=True, cwd=folder, env=environment) as twin:
-        try:
-            until(lambda: all(listener.count_publishers(topic) for topic in heard))
-            with subprocess.Popen(play, shell=True, cwd=folder, env=environment) as player:
-                until(lambda: player.poll() is not None)
-            until(lambda: min(map(len, heard.values())) > 3000)
-        finally:
-            twin.terminate()
-            listener.destroy_node()
-            rclpy.try_shutdown()
-    after, before = (np.sqrt(np.mean(np.square(values))) for values in heard.values())
+    heard = [rig.listen(f'/hydro_twin/{topic}', JointState)
+             for topic in ('residual', 'before/residual')]
+    ros = {key: os.environ[key] for key in ('ROS_AUTOMATIC_DISCOVERY_RANGE', 'ROS_DOMAIN_ID')}
+    with subprocess.Popen(f'exec {node}', shell=True, cwd=folder,
+                          env=environment | ros) as twin, ended(twin):
+        rig.ready()
+        subprocess.run(play, shell=True, cwd=folder, env=environment | ros, check=True)
+        rig.until(lambda: min(map(len, heard)) > 3000, 'both models predict')
+    after, before = (np.sqrt(np.mean(np.square([m.effort[0] for m in messages])))
+                     for messages in heard)
     assert after < 0.25 * before
