@@ -1,4 +1,4 @@
-"""Rate limit: a spool or a cylinder that cannot move faster."""
+"""Rate limit: a spool, a cylinder or an actuator that cannot move faster."""
 from __future__ import annotations
 
 from hydro_twin.compiled import compiled
@@ -7,22 +7,37 @@ from hydro_twin.effects.effect import Effect, EffectParameter, Span, Starts
 
 @compiled
 def law(v, s, p, z, h, c, z_next):  # type: ignore[no-untyped-def]
-    """Keep the speed within +-limit."""
-    return min(max(v, -p[0]), p[0])
+    """Keep the speed v between -limit (1 - imbalance) and limit (1 + imbalance)."""
+    limit, imbalance = p[0], p[1]
+    return min(max(v, -limit * (1.0 - imbalance)), limit * (1.0 + imbalance))
 
 
 def starts(span: Span) -> Starts:
     """Limits at shares of the largest speed."""
-    return [(share * span.value,) for share in (0.95, 0.8, 0.6, 0.4, 0.25, 0.12)]
+    return [(share * span.value, 0.0) for share in (0.95, 0.8, 0.6, 0.4, 0.25, 0.12)]
+
+
+def refined(span: Span, values: tuple[float, ...]) -> Starts:
+    """Let one way go free; the other keeps the limit, or half of it."""
+    ways = []
+    for limit in (values[0], 0.5 * values[0]):
+        mean = 0.5 * (limit + max(span.value, 2.0 * limit))
+        ways += [(mean, 1.0 - limit / mean), (mean, limit / mean - 1.0)]
+    return ways
 
 
 EFFECT = Effect(
     id='rate_limit',
     title='rate limit',
     kinds=('rate', 'speed'),
-    parameters=(EffectParameter('limit', 'largest speed', 'value', 1e-12, 1e12),),
+    parameters=(
+        EffectParameter('limit', 'largest speed', 'value', 1e-12, 1e12),
+        EffectParameter('imbalance', 'half the difference of the limits up and down over their '
+                        'mean', '1', -0.999, 0.999, log=False, refinement=0.0),
+    ),
     starts=starts,
     excitation='use fast large steps',
     beyond_reach=True,
+    refined=refined,
     law=law,
 )

@@ -87,8 +87,13 @@ def test_orifice_is_the_square_root_of_the_drop():
 
 @pytest.mark.parametrize('key', [('rate_limit', 'rate'), ('saturation', 'opening')])
 def test_limits_are_limits(key):
-    limits = [0.7] if key[0] == 'rate_limit' else [-0.7, 0.7]
+    limits = [0.7, 0.0] if key[0] == 'rate_limit' else [-0.7, 0.7]
     np.testing.assert_array_equal(apply(key, V, limits), np.clip(V, -0.7, 0.7))
+
+
+def test_rates_may_differ_up_and_down():
+    np.testing.assert_allclose(apply(('rate_limit', 'rate'), V, [1.0, -0.7]),
+                               np.clip(V, -1.7, 0.3), rtol=1e-15)
 
 
 def test_saturation_may_have_one_end():
