@@ -16,9 +16,9 @@ from hydro_twin.residual.select import criterion, far, gain_p_value, search
 from hydro_twin.residual.structure import Dependence
 
 MOST, KEPT = 6, 3       # dependences that are fitted, and of these searched to the end
+ALIKE = 1e-4            # of the shares of two that are the same but for a factor
 SHORT, LONG = 8, 25     # evaluations of a search: to compare, to the end
 LEVEL = 1e-3            # of the test of the best, corrected for all dependences tried
-SAME = 10.0             # distance of the criterion within which the data prefer neither of two
 STRENGTHS = (1.0, 0.3, 0.1)     # of the curve that the linear laws suggest, to begin at
 
 
@@ -58,16 +58,14 @@ def find_curve(fit: Fit, parts: Sequence[Part], unseen: Sequence[Part],
     Returns:
         None where no curve makes the free run better on data that was not fitted.
     """
-    tried = [search(_begin(fit.candidate, dependence, parts), parts, SHORT, fit)
-             for dependence in depends_on[:MOST]]
-    if not tried:
+    places = distinct(depends_on)[:MOST]
+    if not places:
         return None
+    tried = [search(_begin(fit.candidate, place, parts), parts, SHORT, fit) for place in places]
     tried.sort(key=lambda one: one.cost)
     fits = [_to_the_end(one, parts) for one in tried[:KEPT]]
     scores = criterion(fits)
-    # The value of a port is often a multiple of a signal there, which says more.
-    first, *rest = sorted(range(len(fits)), key=lambda k: (
-        scores[k] > min(scores) + SAME, _signal(fits[k]) == 'value', scores[k]))
+    first, *rest = sorted(range(len(fits)), key=lambda k: scores[k])
     p_value = gain_p_value(fit, fits[first], len(depends_on))
     proof = improvement([fit.candidate.residual(p) for p in unseen],
                         [fits[first].candidate.residual(p) for p in unseen], seed)
@@ -77,8 +75,16 @@ def find_curve(fit: Fit, parts: Sequence[Part], unseen: Sequence[Part],
     return Found(fits[first], proof, p_value, tuple(sorted(others, key=lambda other: other[1])))
 
 
-def _signal(fit: Fit) -> str:
-    return fit.candidate.effects[-1].effect.reads[0]
+def distinct(depends_on: Sequence[Dependence]) -> list[Dependence]:
+    """Leave out dependences that are the same as another but for a factor, as flow and opening.
+
+    Of the value of a port and a signal the latter is kept, which says more.
+    """
+    kept: list[Dependence] = []
+    for dependence in sorted(depends_on, key=lambda d: d.signal == 'value'):
+        if all(abs(dependence.share - other.share) > ALIKE * other.share for other in kept):
+            kept.append(dependence)
+    return sorted(kept, key=lambda d: -d.share)
 
 
 def _begin(candidate: Candidate, dependence: Dependence, parts: Sequence[Part]) -> Candidate:
