@@ -25,8 +25,8 @@ def starts(span: Span) -> Starts:
 
 
 def told(span: Span, values: tuple[float, ...]) -> bool:
-    """Less than three quarters of a period is a bias, or a spring, for all one can see."""
-    return values[2] * span.travel['position'] > 1.5 * math.pi
+    """Less than half a period is a bias, or a spring, for all one can see."""
+    return values[2] * span.travel['position'] > math.pi
 
 
 EFFECT = Effect(

@@ -2,7 +2,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -25,7 +25,7 @@ LEVEL = 1e-3            # of a test, corrected for all that was tried
 WORTH = 0.01            # least share of the mean square error that an effect must take off
 FINE = 0.2              # largest error of the time stepping, as a share of the residual
 FINEST = 16             # steps in a sample
-LATER = 8               # effects fitted in full after the first round
+LATER, AGAIN = 8, 4     # effects fitted in full after the first round, and for an exchange
 TOLD = 0.01             # p-value from which what is left follows what happens at the ports
 TRIED = 40              # starts tried in a round, for the correction
 
@@ -63,13 +63,22 @@ class Ground:
     unseen: Sequence[Part]
     seed: int
     progress: Callable[[str], None]
+    known: dict[frozenset[str], list[Contender]] = field(default_factory=dict)
+
+    def contend(self, fit: Fit, most: int) -> list[Contender]:
+        """Fit effects on top of a fit, unless one with the same unknowns had its turn."""
+        key = frozenset([f'{most} {len(fit.unknowns)}', *(
+            f'{p.effect.id} {p.port.kind} {p.port.name}' for p in fit.candidate.effects)])
+        if key not in self.known:
+            self.known[key] = contend(fit, self.parts, most, False, self.progress)
+        return self.known[key]
 
 
 def grow(base: Fit, contenders: Sequence[Contender], ground: Ground) -> Chain:
     """Grow a model from the best first effect; while something is left, from others too.
 
-    Two effects may look like a third one as long as neither is in the model. The chain that the
-    criterion likes best is returned.
+    Two effects may look like a third one as long as neither is in the model. The others are those
+    that explain at least half as much. The chain that the criterion likes best is returned.
 
     Args:
         base: the fit without any of the effects.
@@ -77,8 +86,10 @@ def grow(base: Fit, contenders: Sequence[Contender], ground: Ground) -> Chain:
         ground: the data.
     """
     best = Chain(base)
+    explained = [base.cost**2 - c.fit.cost**2 for c in contenders]   # what each explains
     for k, contender in enumerate(contenders[:FIRSTS]):
-        if (contender.id, contender.placed.port) in _placed(best):
+        if k and (explained[k] < 0.5 * explained[0]
+                  or (contender.id, contender.placed.port) in _placed(best)):
             continue
         others = [*contenders[:k], *contenders[k + 1:]]
         chain = _follow(Chain(base), [contender, *others], ground)
@@ -97,12 +108,17 @@ def _placed(chain: Chain) -> set[tuple[str, object]]:
 
 
 def _follow(chain: Chain, contenders: Sequence[Contender], ground: Ground) -> Chain:
-    """Add the first contender, then the best of each round, while they earn their place."""
+    """Add the first contender, then the best of each round, while they are likely.
+
+    Which of them help on data that was not fitted is asked of the whole: beside a second effect
+    that is still lacking, the first may not help there.
+    """
+    alone = chain.fit
     while contenders:
         first, *others = contenders
         base = without_last(chain.fit, first.fit, ground.parts)
         chain = replace(chain, fit=base)
-        if not earns(base, first.fit, ground):
+        if not likely(base, first.fit):
             break
         found = _finding(base, first.fit, others, len(base.candidate.effects))
         if chain.findings and _nearest(found, first.id) < CLEARLY:
@@ -111,8 +127,8 @@ def _follow(chain: Chain, contenders: Sequence[Contender], ground: Ground) -> Ch
         chain = _exchange(Chain(fit, (*chain.findings, found)), ground)
         if len(chain.findings) == MOST:
             break
-        contenders = contend(chain.fit, ground.parts, LATER, False, ground.progress)
-    return chain
+        contenders = ground.contend(chain.fit, LATER)
+    return _proven(chain, alone, ground)
 
 
 def without_last(base: Fit, better: Fit, parts: Sequence[Part]) -> Fit:
@@ -124,15 +140,46 @@ def without_last(base: Fit, better: Fit, parts: Sequence[Part]) -> Fit:
     return min(base, search(candidate, parts, 40), key=lambda fit: fit.cost)
 
 
-def earns(before: Fit, after: Fit, ground: Ground) -> bool:
-    """Whether an effect earns its place: likely, worth it, and so on data it did not fit."""
-    if gain_p_value(before, after, TRIED) > LEVEL:
-        return False
-    if 1.0 - (after.error / before.error) ** 2 < WORTH:
-        return False
-    on_unseen = improvement([before.candidate.residual(p) for p in ground.unseen],
-                            [after.candidate.residual(p) for p in ground.unseen], ground.seed)
-    return on_unseen.low > 0.0
+def likely(before: Fit, after: Fit) -> bool:
+    """Whether an effect is likely and worth it, by what was fitted."""
+    return (gain_p_value(before, after, TRIED) < LEVEL
+            and 1.0 - (after.error / before.error) ** 2 > WORTH)
+
+
+def _proven(chain: Chain, alone: Fit, ground: Ground) -> Chain:
+    """Drop the effects that do not help on data that was not fitted, the least helpful first.
+
+    Args:
+        chain: a model that has grown.
+        alone: the fit without any of its effects.
+        ground: the data.
+    """
+    if not chain.findings:
+        return chain
+    bare = [_without(chain, found, ground) for found in chain.findings]
+    if len(bare) == 1:
+        bare = [min(bare[0], alone, key=lambda fit: fit.cost)]
+    after = [chain.fit.candidate.residual(part) for part in ground.unseen]
+    helps = [improvement([fit.candidate.residual(part) for part in ground.unseen], after,
+                         ground.seed).low for fit in bare]
+    least = int(np.argmin(helps))
+    if helps[least] > 0.0:
+        return chain
+    return _proven(Chain(bare[least], _others(chain, least)), alone, ground)
+
+
+def _without(chain: Chain, found: Finding, ground: Ground) -> Fit:
+    """Take an effect out, and fit the rest again."""
+    effects = list(chain.fit.candidate.effects)
+    del effects[found.index]
+    return search(replace(chain.fit.candidate, effects=tuple(effects)), ground.parts, 40)
+
+
+def _others(chain: Chain, k: int) -> tuple[Finding, ...]:
+    """List the findings but one, as they are without its effect."""
+    gone = chain.findings[k].index
+    return tuple(replace(found, index=found.index - (found.index > gone))
+                 for found in (*chain.findings[:k], *chain.findings[k + 1:]))
 
 
 def _finding(without: Fit, fit: Fit, others: Sequence[Contender], index: int) -> Finding:
@@ -170,19 +217,16 @@ def _exchange(chain: Chain, ground: Ground) -> Chain:
     takes its place. Its rivals are those that it has beside the others.
     """
     for k, found in enumerate(chain.findings[:-1]):
-        effects = list(chain.fit.candidate.effects)
-        placed = effects.pop(found.index)
-        without = search(replace(chain.fit.candidate, effects=tuple(effects)), ground.parts, 40)
-        rest = tuple(replace(f, index=f.index - (f.index > found.index))
-                     for f in (*chain.findings[:k], *chain.findings[k + 1:]))
+        placed = chain.fit.candidate.effects[found.index]
+        without, rest = _without(chain, found, ground), _others(chain, k)
         with_it, bare = criterion([chain.fit, without])
         if bare < with_it + CLEARLY:
             return _exchange(Chain(without, rest), ground)
-        contenders = contend(without, ground.parts, LATER, False, ground.progress)
+        contenders = ground.contend(without, AGAIN)
         scores = criterion([chain.fit, *(c.fit for c in contenders)])
         if contenders and scores[1] < scores[0] - CLEARLY:
             first, *others = contenders
-            instead = _finding(without, first.fit, others, len(effects))
+            instead = _finding(without, first.fit, others, len(without.candidate.effects))
             return _exchange(Chain(finely(first.fit, ground.parts), (*rest, instead)), ground)
         others = [c for c in contenders
                   if (c.id, c.placed.port) != (placed.effect.id, placed.port)]

@@ -24,12 +24,13 @@ from hydro_twin.fitting.free_run import (
     usual,
 )
 from hydro_twin.plants.plant import FloatArray
-from hydro_twin.residual.noise import autoregression, whiten
+from hydro_twin.residual.noise import autoregression, is_white, whiten
 from hydro_twin.residual.screen import places, Prospect, screen, spans
 
 AGAIN = 5               # effects, the best by their score, that start from two places
 KEPT = 4                # effects searched to the end
 SHORT, LONG = 10, 40     # evaluations of a search: to compare, to the end
+PROMISING = 20.0        # gain of the log-likelihood, twice, below which a score is chance
 
 
 @dataclass(frozen=True)
@@ -114,6 +115,8 @@ def contend(base: Fit, parts: Sequence[Part], most: int, afresh: bool,
         progress: told what is being fitted.
     """
     prospects = screen(base, parts)
+    if not afresh and nothing_shows(base, prospects):
+        return []
     tried: list[Fit] = []
     for placed in shortlist(prospects, most):
         progress(f'{placed.effect.id} at {placed.port.name}')
@@ -130,6 +133,12 @@ def contend(base: Fit, parts: Sequence[Part], most: int, afresh: bool,
             if starts:
                 tried.append(search(min(starts, key=lambda c: far(c, parts)), parts, SHORT))
     return finish(tried, parts)
+
+
+def nothing_shows(base: Fit, prospects: Sequence[Prospect]) -> bool:
+    """Whether what is left is white, and no effect promises anything."""
+    most = max((p.share for p in prospects), default=0.0)
+    return most * len(base.residual) < PROMISING and is_white(stretches(base))
 
 
 def with_effect(candidate: Candidate, placed: Placed) -> Candidate:
@@ -167,10 +176,12 @@ def refine(fit: Fit, parts: Sequence[Part]) -> Fit:
     forms = [fit]
     for values in last.effect.refined(reach, last.values):
         effects = (*fit.candidate.effects[:-1], replace(last, values=tuple(values)))
-        forms.append(search(replace(fit.candidate, effects=effects), parts, LONG // 2))
+        forms.append(search(replace(fit.candidate, effects=effects), parts, SHORT, fit))
     scores = criterion(forms)
     best = int(np.argmin(scores))
-    return forms[best] if scores[best] < scores[0] - CLEARLY else fit
+    if scores[best] > scores[0] - CLEARLY:
+        return fit
+    return search(forms[best].candidate, parts, LONG)
 
 
 def told(fit: Fit, parts: Sequence[Part]) -> bool:
