@@ -83,7 +83,8 @@ def over(placed: Placed) -> str:
 
 def _named(judged: Judged) -> str:
     close = [name for name, distance in judged.rivals if distance < CLOSE]
-    text = f'{judged.id.replace("_", " ")} at the {judged.port}'
+    where = ' or the '.join((judged.port, *judged.elsewhere))
+    text = f'{judged.id.replace("_", " ")} at the {where}'
     if close:
         text = f'{text} (or {" or ".join(name.replace("_", " ") for name in close)})'
     return text if judged.certain else f'something that behaves like {text}'
@@ -111,7 +112,8 @@ def remainder_sentence(trace: Trace) -> str:
 
 def _effect(judged: Judged, estimates: dict[str, Any]) -> dict[str, Any]:
     return {
-        'id': judged.id, 'port': judged.port, 'parameters': estimates,
+        'id': judged.id, 'port': judged.port, 'or_ports': list(judged.elsewhere),
+        'parameters': estimates,
         'p_value': judged.finding.p_value, 'share_of_residual': judged.finding.share,
         'certain': judged.certain,
         'rivals': [{'id': name, 'delta_bic': distance} for name, distance in judged.rivals],

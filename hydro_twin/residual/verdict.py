@@ -16,12 +16,19 @@ TELLING = 3000.0        # power explained over the noise's, to tell a law from o
 
 @dataclass(frozen=True)
 class Judged:
-    """A finding with what may be said of it."""
+    """A finding with what may be said of it.
+
+    Attributes:
+        certain: of the law; where it sits may still be open.
+        elsewhere: other ports where it would explain as much.
+        rivals: (id, distance of the criterion) of other effects, nearest first.
+    """
 
     finding: Finding
     id: str
     port: str
     certain: bool
+    elsewhere: tuple[str, ...]
     rivals: tuple[tuple[str, float], ...]
 
 
@@ -73,6 +80,8 @@ def _judge(trace: Trace, finding: Finding) -> Judged:
         finding, placed.effect.id, placed.port.name,
         certain=telling > TELLING and not is_structured(trace, LIKELY)
         and all(distance > FAR for _, distance in rivals),
+        elsewhere=tuple(contender.placed.port.name for contender, distance in finding.rivals
+                        if contender.id == placed.effect.id and distance < CLOSE),
         rivals=rivals)
 
 

@@ -81,6 +81,19 @@ def test_an_effect_is_named_with_its_value(reference):
 
 
 @pytest.mark.slow
+def test_two_effects_are_both_named():
+    """With one alone in the model, neither helps much: each is bent by the other."""
+    report = report_of(record(FRICTION, ('hysteresis', 'command', {'width': 0.03}), seed=2,
+                              **SHORT))
+    assert {(e['id'], e['port']) for e in report['effects']} == {
+        FRICTION[:2], ('hysteresis', 'command')}
+    values = {e['id']: e['parameters'] for e in report['effects']}
+    assert values['friction']['coulomb']['value'] == pytest.approx(6.0, rel=0.05)
+    assert values['hysteresis']['width']['value'] == pytest.approx(0.03, rel=0.05)
+    assert report['after']['free_run']['test'] == pytest.approx(0.5, rel=0.1)
+
+
+@pytest.mark.slow
 def test_the_order_of_the_bags_does_not_matter(rubbing, reference):
     report = report_of(Recording(rubbing.series[::-1]))
     assert_same_finding(report, reference, rel=0.01)
