@@ -4,7 +4,6 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property
-import math
 
 import numpy as np
 from scipy.linalg import expm
@@ -13,6 +12,7 @@ from hydro_twin.effects import Placed
 from hydro_twin.errors import DataError
 from hydro_twin.plants import Plant
 from hydro_twin.plants.plant import FloatArray
+from hydro_twin.predictors.scores import rms
 from hydro_twin.predictors.system import assemble, System
 from hydro_twin.recording.series import Recording
 
@@ -130,8 +130,3 @@ class Candidate:
     def residual(self, part: Part) -> FloatArray:
         """Measured less free run over the scored samples of a part, (N - START,)."""
         return (part.measured - self.run(part))[START:]
-
-
-def rms(values: FloatArray) -> float:
-    """Root of the mean square."""
-    return float(np.sqrt(np.mean(np.square(values)))) if len(values) else math.nan

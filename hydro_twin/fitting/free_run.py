@@ -11,10 +11,11 @@ import numpy as np
 from scipy.optimize import least_squares
 
 from hydro_twin.effects import Placed
-from hydro_twin.fitting.candidate import Candidate, Part, rms, START
+from hydro_twin.fitting.candidate import Candidate, Part, START
 from hydro_twin.fitting.identifiability import assess, Identifiability
 from hydro_twin.plants import Plant
 from hydro_twin.plants.plant import FloatArray
+from hydro_twin.predictors.scores import rms
 
 WALL = 3e-3             # weight of the search box, see `Problem`
 MIDDLE = 1e-4           # weight of its middle

@@ -21,6 +21,7 @@ from hydro_twin.plants import Plant
 from hydro_twin.plants.plant import FloatArray
 from hydro_twin.predictors.analytical import Analytical
 from hydro_twin.predictors.hybrid import NetworkPredictor
+from hydro_twin.predictors.scores import rms
 from hydro_twin.recording.series import Recording, Series
 
 TITLES = {'random': 'RG', 'ea': 'EA', 'bees': 'BA', 'pso': 'PSO', 'mlp': 'MLP',
@@ -204,11 +205,6 @@ def free_run_error(
     error = rms(np.concatenate([(predictor.free_run(series) - series[output])[START:]
                                 for series in stretches]))
     return error if math.isfinite(error) else math.inf
-
-
-def rms(error: FloatArray) -> float:
-    """Root mean square, [B19] eq. 5."""
-    return float(np.sqrt(np.mean(np.square(error))))
 
 
 def five_numbers(errors: FloatArray) -> FloatArray:

@@ -13,9 +13,10 @@ import numpy as np
 from scipy import signal
 
 from hydro_twin.effects import Placed
-from hydro_twin.fitting.candidate import Part, rms, START
+from hydro_twin.fitting.candidate import Part, START
 from hydro_twin.fitting.free_run import Fit
 from hydro_twin.plants.plant import FloatArray
+from hydro_twin.predictors.scores import rms
 from hydro_twin.report.chart import AFTER, axis, BEFORE, Chart, Curve, FOUND, Illustration, View
 from hydro_twin.residual.noise import autoregression
 from hydro_twin.residual.passing import Passing, passing

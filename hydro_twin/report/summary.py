@@ -7,11 +7,12 @@ import numpy as np
 from scipy import signal
 
 from hydro_twin.effects import Placed
-from hydro_twin.fitting.candidate import Candidate, Part, rms, START
+from hydro_twin.fitting.candidate import Candidate, Part, START
 from hydro_twin.fitting.free_run import Fit, get, label, Unknown
 from hydro_twin.model import Estimate, FittedEffect, Model
 from hydro_twin.plants.difference_equation import characteristic
 from hydro_twin.plants.plant import FloatArray
+from hydro_twin.predictors.scores import rms
 from hydro_twin.residual.trace import Trace
 from hydro_twin.residual.verdict import CLOSE, drifts, is_structured, Judged, LIKELY, Verdict
 

@@ -6,8 +6,9 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from hydro_twin.fitting.candidate import Part, rms
+from hydro_twin.fitting.candidate import Part
 from hydro_twin.fitting.free_run import Fit
+from hydro_twin.predictors.scores import rms
 from hydro_twin.residual.proof import improvement
 from hydro_twin.residual.select import (
     CLEARLY,

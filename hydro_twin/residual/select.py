@@ -14,7 +14,7 @@ import numpy as np
 from scipy import stats
 
 from hydro_twin.effects import Placed
-from hydro_twin.fitting.candidate import Candidate, Part, rms
+from hydro_twin.fitting.candidate import Candidate, Part
 from hydro_twin.fitting.free_run import (
     effect_unknowns,
     Fit,
@@ -24,6 +24,7 @@ from hydro_twin.fitting.free_run import (
     usual,
 )
 from hydro_twin.plants.plant import FloatArray
+from hydro_twin.predictors.scores import rms
 from hydro_twin.residual.noise import autoregression, is_white, whiten
 from hydro_twin.residual.screen import places, Prospect, screen, spans
 
