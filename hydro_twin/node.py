@@ -6,16 +6,15 @@ from collections.abc import Callable, Sequence
 import contextlib
 from functools import partial
 import gc
-import json
 from pathlib import Path
 import sys
 import time
 from typing import Any
 
-from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
-from rcl_interfaces.msg import FloatingPointRange, ParameterDescriptor, SetParametersResult
+from rcl_interfaces.msg import SetParametersResult
 import rclpy
 from rclpy.clock import Clock, ClockType
+from rclpy.exceptions import NameValidationException, ParameterException
 from rclpy.executors import Executor, ExternalShutdownException, SingleThreadedExecutor
 from rclpy.lifecycle import (
     LifecycleNode,
@@ -24,12 +23,13 @@ from rclpy.lifecycle import (
     TransitionCallbackReturn,
 )
 from rclpy.parameter import Parameter
-from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
+from rclpy.qos import QoSProfile, ReliabilityPolicy
 from rclpy.qos_overriding_options import QoSOverridingOptions
+from rclpy.validate_topic_name import validate_topic_name
 from sensor_msgs.msg import JointState
-from std_msgs.msg import String
 from std_srvs.srv import Trigger
 
+from hydro_twin.announcer import Announcer
 from hydro_twin.errors import ModelError, UserError
 from hydro_twin.live.diagnostics import Diagnosis
 from hydro_twin.live.live import Feed, Live
@@ -38,9 +38,8 @@ from hydro_twin.live.models import Choice, choices, load_twin, same_inputs, tast
 from hydro_twin.live.outlet import Outlet
 from hydro_twin.live.twin import Twin
 from hydro_twin.live.worker import Worker
-from hydro_twin.plants import Plant
+from hydro_twin.parameters import declare_parameters, SignalParameters
 from hydro_twin.predictors.predictor import MODES
-from hydro_twin.recording.signals import default_config, load_parameters, signal_maps, SignalMap
 
 DEPTH = 200      # messages: a hiccup of 400 ms at 500 Hz
 TICK = 0.02      # how often the steady timer looks for inputs that are late [s]
@@ -59,7 +58,7 @@ class TwinNode(LifecycleNode):
 
     def __init__(self) -> None:
         super().__init__('hydro_twin')
-        self.fault: UserError | None = None   # why the last configure failed
+        self.fault: Exception | None = None   # why the last transition failed
         self._live: Live | None = None
         self._diagnosis: Diagnosis | None = None
         self._outlets: list[Outlet] = []
@@ -69,57 +68,49 @@ class TwinNode(LifecycleNode):
         self._restore: str | None = None      # the value of `model` before it was refused
         self._entities: list[tuple[Callable[[Any], Any], Any]] = []   # of an active node
         self._publisher_counts: dict[str, Callable[[], int]] = {}
-        self._declare()
-        latched = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
-        self._info = self.create_publisher(String, '~/model_info', latched,
-                                           qos_overriding_options=OVERRIDES)
-        self._event = self.create_publisher(String, '~/model_event', 10)
-        self._diagnostics = self.create_publisher(DiagnosticArray, '/diagnostics', 10)
+        self._diagnosed = 0                   # when that was last done, by the node's clock [ns]
+        self._signals = SignalParameters(self)
+        self.add_on_set_parameters_callback(self._on_set)   # heeds what it is started with, too
+        declare_parameters(self)
+        self.add_post_set_parameters_callback(self._after_set)
+        self._announcer = Announcer(self)
         self.create_service(Trigger, '~/reset', self._on_reset)
         self._worker = Worker(PERIOD, self._diagnose, lambda error: self.get_logger().error(
             f'off the hot path: {error!r}', throttle_duration_sec=60.0))
-
-    def _declare(self) -> None:
-        """Declare the parameters that do not hang on the plant."""
-        def text(description: str, **limits: Any) -> ParameterDescriptor:
-            return ParameterDescriptor(description=description, **limits)
-
-        self.declare_parameter('model', '', text(
-            'model file that ~/prediction comes from; may be set while the node runs'))
-        self.declare_parameter('models', Parameter.Type.STRING_ARRAY, text(
-            'more model files, side by side on ~/NAME/prediction: NAME=PATH or PATH'))
-        self.declare_parameter('mode', 'one_step', text(
-            'one_step: from measured outputs up to the sample before; free_run: without them',
-            additional_constraints='one_step or free_run'))
-        self.declare_parameter('wait', 0.1, text(
-            'how long a late input is waited for before its last value is held [s]',
-            floating_point_range=[FloatingPointRange(from_value=0.0, to_value=10.0)]))
-        self.declare_parameter('autostart', True, text(
-            'configure and activate at start, without a lifecycle manager'))
-        self.add_on_set_parameters_callback(self._on_set)
-        self.add_post_set_parameters_callback(self._after_set)
 
     # Lifecycle
 
     def on_configure(self, state: LifecycleState) -> TransitionCallbackReturn:
         """Load and check the models, create what they publish."""
         del state
-        try:
-            self._configure()
-        except UserError as error:
-            self.fault = error
-            self.get_logger().error(str(error))
+        done = self._attempt(self._configure)
+        if done != SUCCESS:
             self._clean_up()
-            return FAILURE
-        return SUCCESS
+        return done
 
     def on_activate(self, state: LifecycleState) -> TransitionCallbackReturn:
         """Listen."""
-        self._listen()
+        done = self._attempt(self._listen)
+        if done != SUCCESS:
+            self._stop_listening()
+            return done
         gc.collect()
         gc.freeze()
         gc.disable()   # the worker collects
         return super().on_activate(state)
+
+    def _attempt(self, transition: Callable[[], None]) -> TransitionCallbackReturn:
+        """Do what a transition takes; rclpy swallows whatever is raised there."""
+        try:
+            transition()
+        except (UserError, ParameterException, NameValidationException) as error:
+            self.fault = UserError(str(error))
+        except Exception as error:
+            self.fault = error
+        else:
+            return SUCCESS
+        self.get_logger().error(str(self.fault))
+        return FAILURE
 
     def on_deactivate(self, state: LifecycleState) -> TransitionCallbackReturn:
         """Stop listening."""
@@ -150,14 +141,15 @@ class TwinNode(LifecycleNode):
         for twin in twins:
             same_inputs(twin, twins[0])
         predictor = twins[0].predictor
-        signals = self._signals(predictor.plant)
+        signals = self._signals.read(predictor.plant)
         for signal in signals.values():
             message_class(signal.type)
+            validate_topic_name(signal.topic)
         self._live = Live(predictor.plant, signals, predictor.sample_time,
                           self.get_parameter('wait').value)
         self._outlets = [self._outlet(twin) for twin in twins]
         self._diagnosis = Diagnosis(self._live, twins)
-        self._tell_info(twins)
+        self._announcer.info(twins)
 
     def _outlet(self, twin: Twin) -> Outlet:
         """Create the topics of a twin."""
@@ -169,19 +161,6 @@ class TwinNode(LifecycleNode):
             for topic in ('prediction', 'residual'))
         self._outgoing += [prediction, residual]
         return Outlet(twin, prediction.publish, residual.publish)
-
-    def _signals(self, plant: Plant) -> dict[str, SignalMap]:
-        """Declare the signal map of a plant, and read it."""
-        defaults = load_parameters(default_config(plant.name))
-        values = {}
-        for signal in plant.signals:
-            for attribute in ('topic', 'type', 'field', 'scale', 'offset'):
-                key = f'signals.{signal.name}.{attribute}'
-                values[key] = self.declare_parameter(key, defaults[key], ParameterDescriptor(
-                    description=f'{attribute} of the {signal.meaning} [{signal.unit}]',
-                    dynamic_typing=attribute in ('scale', 'offset'))).value
-        return signal_maps(values, [signal.name for signal in plant.signals],
-                           'parameters of the node')
 
     def _listen(self) -> None:
         """Subscribe to the inputs, start the timer."""
@@ -218,8 +197,6 @@ class TwinNode(LifecycleNode):
         self._live = None
         self._diagnosis = None
         self._swaps.clear()
-        for key in self.get_parameters_by_prefix('signals'):
-            self.undeclare_parameter(f'signals.{key}')
 
     # The hot path
 
@@ -327,15 +304,15 @@ class TwinNode(LifecycleNode):
             same_inputs(twins[0], diagnosis.twins[0])
         except ModelError as error:
             self.get_logger().error(f'refused, the model before it still runs: {error}')
-            self._tell_event('refused', says=str(error))
+            self._announcer.event('refused', says=str(error))
             self._restore = str(first.path)
             return
         self._chosen = chosen
         self._swaps.extend(twins)
         running = {twin.name: twin for twin in [*diagnosis.twins, *twins]}
         self._diagnosis = Diagnosis(diagnosis.live, list(running.values()))
-        self._tell_info(self._diagnosis.twins)
-        self._tell_event('swapped', model=str(model), mode=mode)
+        self._announcer.info(self._diagnosis.twins)
+        self._announcer.event('swapped', model=str(model), mode=mode)
 
     def _diagnose(self, elapsed: float) -> None:
         """Judge the residuals, publish diagnostics, tidy up."""
@@ -343,31 +320,18 @@ class TwinNode(LifecycleNode):
         if diagnosis is None:
             return
         now = self.get_clock().now()
+        if self.get_parameter('use_sim_time').value and now.nanoseconds > self._diagnosed:
+            elapsed = (now.nanoseconds - self._diagnosed) * 1e-9   # the bag's time
+        self._diagnosed = now.nanoseconds
         for twin in diagnosis.twins:
             if twin.monitor is not None and (rise := twin.monitor.judge()) is not None:
-                self._tell_event(
+                self._announcer.event(
                     'refit', model=twin.name, begin=rise.begin, end=rise.end, rms=rise.rms,
                     promised=rise.promised, topics=[feed.topic for feed in diagnosis.live.feeds])
-        statuses = diagnosis.statuses(
+        self._announcer.diagnostics(now, diagnosis.statuses(
             now.nanoseconds, elapsed, {topic: count() for topic, count in
-                                       list(self._publisher_counts.items())})
-        node = self.get_fully_qualified_name().strip('/')
-        message = DiagnosticArray(status=[
-            DiagnosticStatus(name=f'{node}: {status.part}', level=bytes([status.level]),
-                             message=status.message,
-                             values=[KeyValue(key=k, value=v) for k, v in status.values.items()])
-            for status in statuses])
-        message.header.stamp = now.to_msg()
-        self._diagnostics.publish(message)
+                                       list(self._publisher_counts.items())}))
         gc.collect()   # quick: all from before the start is frozen
-
-    def _tell_info(self, twins: Sequence[Twin]) -> None:
-        """Publish what is run, for those who come later too."""
-        self._info.publish(String(data=json.dumps([twin.about for twin in twins])))
-
-    def _tell_event(self, event: str, **about: Any) -> None:
-        """Publish that something happened to a model."""
-        self._event.publish(String(data=json.dumps({'event': event, **about})))
 
 
 def make_executor() -> Executor:
@@ -388,14 +352,18 @@ def main(arguments: Sequence[str] | None = None) -> int:
     Raises:
         UserError: it starts itself, and the models or parameters do not allow it.
     """
-    rclpy.init(args=None if arguments is None else [sys.argv[0], *arguments])
+    try:
+        rclpy.init(args=None if arguments is None else [sys.argv[0], *arguments])
+        node = TwinNode()
+    except (RuntimeError, ParameterException) as error:   # rcl's errors are of the former
+        rclpy.try_shutdown()
+        raise UserError(str(error)) from error
     sys.setswitchinterval(SWITCH)
-    node = TwinNode()
     try:
         if node.get_parameter('autostart').value:
-            if node.trigger_configure() != SUCCESS:
-                raise node.fault or UserError('the node could not be configured')
-            node.trigger_activate()
+            for trigger in (node.trigger_configure, node.trigger_activate):
+                if trigger() != SUCCESS:
+                    raise node.fault or UserError('the node does not start')
         executor = make_executor()
         executor.add_node(node)
         # spin() of some EventsExecutors hangs under full load; spin_once() does not.

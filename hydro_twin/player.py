@@ -4,14 +4,17 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 import contextlib
 from pathlib import Path
+import signal
 import time
 from typing import Any
 
 import rclpy
 from rclpy.duration import Duration
 from rclpy.node import Node
+from rclpy.parameter import Parameter
 from rclpy.publisher import Publisher
 from rclpy.qos import DurabilityPolicy, QoSProfile
+from rclpy.signals import SignalHandlerOptions
 from rclpy.time import Time
 from rosgraph_msgs.msg import Clock
 
@@ -37,7 +40,7 @@ def play(bag: Path, rate: float = 1.0, loop: bool = False, clock: bool = False) 
         clock: publish the bag's time on /clock, for nodes with use_sim_time.
 
     Returns:
-        Topic -> messages published.
+        Topic -> messages published until then.
 
     Raises:
         BagError: the bag cannot be read.
@@ -45,12 +48,19 @@ def play(bag: Path, rate: float = 1.0, loop: bool = False, clock: bool = False) 
     """
     if not rate > 0.0:
         raise UserError(f'rate {rate:g}: must be above 0')
-    rclpy.init(args=[])
-    node = Node('hydro_twin_player')
+    # With rclpy's own handler an interrupt would end the context in the midst of a message.
+    rclpy.init(args=[], signal_handler_options=SignalHandlerOptions.NO)
+    for number in (signal.SIGINT, signal.SIGTERM):
+        signal.signal(number, signal.default_int_handler)
+    # It does not spin, so it must not offer services: whoever called one would wait for ever.
+    node = Node('hydro_twin_player', start_parameter_services=False, parameter_overrides=[
+        Parameter('start_type_description_service', value=False)])
     try:
-        with opened(bag) as reader, contextlib.suppress(KeyboardInterrupt):
-            return _Player(node, reader, rate, clock).run(loop)
-        return {}
+        with opened(bag) as reader:
+            player = _Player(node, reader, rate, clock)
+            with contextlib.suppress(KeyboardInterrupt):
+                player.run(loop)
+        return player.count
     finally:
         node.destroy_node()
         rclpy.try_shutdown()
@@ -68,23 +78,21 @@ class _Player:
                 message_class(connection.msgtype), connection.topic, _qos(connection))
             for connection in reader.connections}
         self._clock = node.create_publisher(Clock, '/clock', 10) if clock else None
-        self._count = {connection.topic: 0 for connection in reader.connections}
+        self.count = {connection.topic: 0 for connection in reader.connections}
 
-    def run(self, loop: bool) -> dict[str, int]:
+    def run(self, loop: bool) -> None:
         """Play once, or for ever."""
         publishers = list(self._publishers.values())
         if not _await_listeners(publishers):
             self._node.get_logger().warning('nobody listens to the topics of this bag')
-        while rclpy.ok():
+        while True:
             for connection, payload in self._paced():
                 self._publishers[connection.id].publish(payload)
-                self._count[connection.topic] += 1
+                self.count[connection.topic] += 1
             if not loop:
                 break
         for publisher in publishers:
-            if rclpy.ok():
-                publisher.wait_for_all_acked(Duration(seconds=ACKNOWLEDGED))
-        return self._count
+            publisher.wait_for_all_acked(Duration(seconds=ACKNOWLEDGED))
 
     def _paced(self) -> Iterator[tuple[Any, bytes]]:
         """Yield the messages when they are due."""
@@ -97,10 +105,8 @@ class _Player:
                     passed = round((now - started) * self._rate * 1e9)
                     self._clock.publish(Clock(clock=Time(nanoseconds=begin + passed).to_msg()))
                     ticked += TICK
-                elif rclpy.ok():
-                    time.sleep(min(due, ticked if self._clock else due, now + TICK) - now)
                 else:
-                    return
+                    time.sleep(min(due, ticked if self._clock else due) - now)
             yield connection, bytes(payload)
 
 
@@ -122,7 +128,7 @@ def _await_listeners(publishers: Sequence[Publisher]) -> int:
         The topics that someone listens to.
     """
     found, until = 0, time.monotonic() + FIRST
-    while rclpy.ok() and found < len(publishers) and time.monotonic() < until:
+    while found < len(publishers) and time.monotonic() < until:
         count = sum(publisher.get_subscription_count() > 0 for publisher in publishers)
         if count > found:
             found, until = count, time.monotonic() + MORE

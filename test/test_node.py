@@ -4,6 +4,7 @@ from __future__ import annotations
 from itertools import pairwise
 import json
 from pathlib import Path
+import signal
 import subprocess
 import sys
 from typing import Any
@@ -16,7 +17,7 @@ pytest.importorskip('rclpy')
 from lifecycle_msgs.srv import ChangeState, GetState  # noqa: I100
 from rcl_interfaces.srv import GetParameters, SetParameters
 from rclpy.parameter import Parameter
-from ros_rig import INPUTS, lossless, play, process, Rig, stamp_of, twin
+from ros_rig import ended, INPUTS, lossless, PATIENCE, play, process, Rig, stamp_of, twin
 from sensor_msgs.msg import JointState
 from std_msgs.msg import String
 from std_srvs.srv import Trigger
@@ -181,6 +182,10 @@ def test_the_node_obeys_a_lifecycle_manager_and_resets(rig: Rig, model: Path, ba
         assert change('deactivate')
         assert change('cleanup')
         assert state() == 'unconfigured'
+        assert set_parameter(rig, 'signals.T_g.topic', '/elsewhere').successful
+        assert change('configure')
+        assert change('activate')
+        rig.ready(['/elsewhere'])
 
 
 def test_played_with_a_clock_in_a_loop_it_resets_at_the_jump(rig: Rig, bag: Path, model: Path,
@@ -197,11 +202,45 @@ def test_played_with_a_clock_in_a_loop_it_resets_at_the_jump(rig: Rig, bag: Path
     assert sum(later < earlier for earlier, later in pairwise(stamps)) >= 1
 
 
-def test_a_bad_start_is_one_line(tmp_path: Path) -> None:
+def test_played_slowly_by_the_clock_it_keeps_its_rate(rig: Rig, bag: Path, model: Path) -> None:
+    """500 predictions a second of the bag are all there can be, however long that second is."""
+    with twin(model=model, use_sim_time=True, **lossless()):
+        rig.ready(['/clock', *INPUTS])
+        with process('hydro_twin.commands.main', 'replay', str(bag), '--publish', '--loop',
+                     '--clock', '--rate', '0.5'):
+            rig.until(lambda: [value for message in rig.heard['/diagnostics']
+                               for status in message.status if status.name.endswith(': twin')
+                               for value in status.values
+                               if value.key == 'rate [Hz]' and 400.0 < float(value.value) < 550.0],
+                      'it says that it keeps its rate')
+
+
+def test_the_player_ends_when_interrupted_and_offers_no_service(rig: Rig, bag: Path) -> None:
+    rig.listen(INPUTS[0], JointState)
+    with subprocess.Popen([sys.executable, '-m', 'hydro_twin.commands.main', 'replay', str(bag),
+                           '--publish', '--loop', '--json'], stdout=subprocess.PIPE,
+                          stderr=subprocess.PIPE, text=True) as player, ended(player):
+        rig.until(lambda: len(rig.heard[INPUTS[0]]) > 100, 'it plays')
+        assert not rig.node.get_service_names_and_types_by_node('hydro_twin_player', '/')
+        player.send_signal(signal.SIGINT)
+        out, err = player.communicate(timeout=PATIENCE)
+    assert player.returncode == 0, err
+    assert json.loads(out)['played'][INPUTS[0]] > 100
+
+
+@pytest.mark.parametrize(('arguments', 'named'), [
+    (['-p', 'model:=absent.yaml'], 'absent.yaml'),
+    (['-p', 'mode:=two_step'], 'two_step'),
+    (['-p', 'wait:=20.0'], 'wait'),
+    (['-p', 'wait:=long'], 'wait'),
+    (['-p', 'signals.T_g.topic:=3'], 'signals.T_g.topic'),
+    (['-p', 'signals.T_g.topic:=/a-b'], '/a-b'),
+    (['--params-file', 'absent.yaml'], 'absent.yaml')])
+def test_a_bad_start_is_one_line(model: Path, arguments: list[str], named: str) -> None:
     done = subprocess.run(
         [sys.executable, '-m', 'hydro_twin.commands.main', 'node', '--ros-args', '-p',
-         f'model:={tmp_path / "absent.yaml"}', '--log-level', 'fatal'],
+         f'model:={model}', *arguments, '--log-level', 'fatal'],
         capture_output=True, text=True, timeout=60, check=False)
     assert done.returncode == 2
-    assert done.stderr.count('\n') == 1
-    assert 'absent.yaml' in done.stderr
+    assert done.stderr.splitlines()[-1:] == done.stderr.splitlines(), done.stderr
+    assert named in done.stderr

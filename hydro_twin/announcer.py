@@ -1,0 +1,48 @@
+"""What the node says of itself on its topics: models, events, diagnostics."""
+from __future__ import annotations
+
+from collections.abc import Sequence
+import json
+from typing import Any
+
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
+from rclpy.node import Node
+from rclpy.qos import DurabilityPolicy, QoSProfile
+from rclpy.qos_overriding_options import QoSOverridingOptions
+from rclpy.time import Time
+from std_msgs.msg import String
+
+from hydro_twin.live.diagnostics import Status
+from hydro_twin.live.twin import Twin
+
+
+class Announcer:
+    """The topics that are not predictions; for any thread."""
+
+    def __init__(self, node: Node) -> None:
+        """Publish in the name of a node."""
+        latched = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
+        self._name = node.get_fully_qualified_name().strip('/')
+        self._info = node.create_publisher(
+            String, '~/model_info', latched,
+            qos_overriding_options=QoSOverridingOptions.with_default_policies())
+        self._event = node.create_publisher(String, '~/model_event', 10)
+        self._diagnostics = node.create_publisher(DiagnosticArray, '/diagnostics', 10)
+
+    def info(self, twins: Sequence[Twin]) -> None:
+        """Say what is run, for those who come later too."""
+        self._info.publish(String(data=json.dumps([twin.about for twin in twins])))
+
+    def event(self, event: str, **about: Any) -> None:
+        """Say that something happened to a model."""
+        self._event.publish(String(data=json.dumps({'event': event, **about})))
+
+    def diagnostics(self, now: Time, statuses: Sequence[Status]) -> None:
+        """Say how things stand."""
+        message = DiagnosticArray(status=[
+            DiagnosticStatus(name=f'{self._name}: {status.part}', level=bytes([status.level]),
+                             message=status.message,
+                             values=[KeyValue(key=k, value=v) for k, v in status.values.items()])
+            for status in statuses])
+        message.header.stamp = now.to_msg()
+        self._diagnostics.publish(message)
