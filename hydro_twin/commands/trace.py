@@ -24,7 +24,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add_bag_arguments(parser)
     add_rig_arguments(parser)
     parser.add_argument('-o', '--output', required=True, type=Path, metavar='DIR',
-                        help='folder for report.json, report.html and model.yaml')
+                        help='folder for report.html, report.json, model.yaml, before.yaml, '
+                             'series.csv and figures/')
     parser.add_argument('--model', type=Path, metavar='MODEL',
                         help='a model to start from, instead of a fresh fit')
     add_seed_argument(parser)

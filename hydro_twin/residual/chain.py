@@ -23,7 +23,8 @@ from hydro_twin.residual.structure import foretold
 MOST = 4                # effects in a model
 FIRSTS = 3              # effects of the first round that a chain may begin with
 LEVEL = 1e-3            # of a test, corrected for all that was tried
-WORTH = 0.01            # least share of the mean square error that an effect must take off
+WORTH, MORE = 0.01, 0.04    # least share of the mean square error that an effect must take off:
+                            # the first, and each after it
 FINE = 0.2              # largest error of the time stepping, as a share of the residual
 FINEST = 16             # steps in a sample
 LATER, AGAIN = 8, 4     # effects fitted in full after the first round, and for an exchange
@@ -119,7 +120,7 @@ def _follow(chain: Chain, contenders: Sequence[Contender], ground: Ground) -> Ch
         first, *others = contenders
         base = without_last(chain.fit, first.fit, ground.parts)
         chain = replace(chain, fit=base)
-        if not likely(base, first.fit):
+        if not likely(base, first.fit, MORE if chain.findings else WORTH):
             break
         found = _finding(base, first.fit, others, len(base.candidate.effects))
         if chain.findings and _nearest(found, first.id) < CLEARLY:
@@ -141,10 +142,10 @@ def without_last(base: Fit, better: Fit, parts: Sequence[Part]) -> Fit:
     return min(base, search(candidate, parts, 40), key=lambda fit: fit.cost)
 
 
-def likely(before: Fit, after: Fit) -> bool:
-    """Whether an effect is likely and worth it, by what was fitted."""
+def likely(before: Fit, after: Fit, worth: float) -> bool:
+    """Whether an effect is likely and takes off the share that it must, of what was fitted."""
     return (gain_p_value(before, after, TRIED) < LEVEL
-            and 1.0 - (after.error / before.error) ** 2 > WORTH)
+            and 1.0 - (after.error / before.error) ** 2 > worth)
 
 
 def _proven(chain: Chain, alone: Fit, ground: Ground) -> Chain:
