@@ -11,8 +11,11 @@ def generate_launch_description():
     """Describe the node, with what is usually changed as arguments."""
     plant = LaunchConfiguration('plant')
     defaults = [PathJoinSubstitution([FindPackageShare('hydro_twin'), 'config', plant]), '.yaml']
+    types = {'model': str, 'models': list[str], 'mode': str, 'use_sim_time': bool}
     return LaunchDescription([
         DeclareLaunchArgument('model', description='model file, as refit or trace writes it'),
+        DeclareLaunchArgument('models', default_value="['']",
+                              description='more of them, to run beside it: [NAME=PATH, ...]'),
         DeclareLaunchArgument(
             'plant', default_value='load_simulator',
             choices=['load_simulator', 'valve_servo', 'cylinder', 'positioning'],
@@ -26,9 +29,6 @@ def generate_launch_description():
         Node(
             package='hydro_twin', executable='node', name='hydro_twin', output='screen',
             parameters=[LaunchConfiguration('config'), {
-                'model': ParameterValue(LaunchConfiguration('model'), value_type=str),
-                'mode': LaunchConfiguration('mode'),
-                'use_sim_time': ParameterValue(LaunchConfiguration('use_sim_time'),
-                                               value_type=bool),
-            }]),
+                name: ParameterValue(LaunchConfiguration(name), value_type=kind)
+                for name, kind in types.items()}]),
     ])
