@@ -370,6 +370,9 @@ def main(arguments: Sequence[str] | None = None) -> int:
         with contextlib.suppress(ExternalShutdownException, KeyboardInterrupt):
             while rclpy.ok():
                 executor.spin_once(timeout_sec=0.2)
+    except RuntimeError:
+        if rclpy.ok():
+            raise   # else it was interrupted while it started, and rcl could not go on
     finally:
         # An impatient second interrupt must not turn the end into a traceback.
         with contextlib.suppress(KeyboardInterrupt):
