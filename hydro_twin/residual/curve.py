@@ -12,7 +12,7 @@ from hydro_twin.fitting.candidate import Candidate, Part
 from hydro_twin.fitting.free_run import Fit
 from hydro_twin.residual.passing import passing
 from hydro_twin.residual.proof import Improvement, improvement
-from hydro_twin.residual.select import criterion, far, gain_p_value, search
+from hydro_twin.residual.select import CLEARLY, criterion, far, gain_p_value, search
 from hydro_twin.residual.structure import Dependence
 
 MOST, KEPT = 6, 3       # dependences that are fitted, and of these searched to the end
@@ -73,6 +73,28 @@ def find_curve(fit: Fit, parts: Sequence[Part], unseen: Sequence[Part],
         return None
     others = [(fits[k].candidate.effects[-1], scores[k] - scores[first]) for k in rest]
     return Found(fits[first], proof, p_value, tuple(sorted(others, key=lambda other: other[1])))
+
+
+def is_better(found: Found, named: Fit, depends_on: Sequence[Dependence]) -> bool:
+    """Whether one curve does clearly better than all effects that were named instead of it.
+
+    Not where one of these is a law of the same signal at the same place, which the curve only
+    draws more finely.
+
+    Args:
+        found: a curve on the model before.
+        named: the model with effects.
+        depends_on: what the residual of the model before depends on.
+    """
+    shares = {(d.port, d.signal): d.share for d in depends_on}
+    here = shares[found.placed.port, found.placed.effect.reads[0]]
+    for placed in named.candidate.effects:
+        reads = placed.effect.reads or ('value',)
+        there = shares.get((placed.port, reads[0]), 0.0)
+        if len(reads) == 1 and abs(there - here) <= ALIKE * here:
+            return False
+    with_curve, with_names = criterion([found.fit, named])
+    return with_curve < with_names - CLEARLY
 
 
 def distinct(depends_on: Sequence[Dependence]) -> list[Dependence]:

@@ -9,8 +9,8 @@ from hydro_twin.fitting.free_run import Fit, fit_linear
 from hydro_twin.model import Model
 from hydro_twin.plants import Plant
 from hydro_twin.recording.series import Recording
-from hydro_twin.residual.chain import Finding, Ground, grow, TOLD, without_last
-from hydro_twin.residual.curve import find_curve, Found
+from hydro_twin.residual.chain import Finding, Ground, grow, without_last
+from hydro_twin.residual.curve import find_curve, Found, is_better
 from hydro_twin.residual.excerpt import excerpt
 from hydro_twin.residual.noise import is_white, Line, lines, noise_floor
 from hydro_twin.residual.proof import Improvement, improvement
@@ -19,7 +19,9 @@ from hydro_twin.residual.select import contend, search, stretches
 from hydro_twin.residual.structure import Dependence, dependences, drift, foretold
 
 EVERY = 1000            # effects fitted in full in the first round
+LIKELY = 0.05           # p-value from which something may be left that names do not explain
 ENOUGH = 0.5            # least share of what is above the noise that effects must explain
+TOLD = 0.01             # p-value from which what is left follows what happens at the ports
 
 
 @dataclass(frozen=True)
@@ -104,9 +106,16 @@ def trace(train: Recording, test: Recording, plant: Plant,
     after = search(chain.fit.candidate, parts, 60) if findings else base
     if findings and explained_share(before, after) < ENOUGH and foretold(after, parts)[1] < TOLD:
         after, findings = before, ()        # what explains a part only is not what is missing
-    pieces, depends_on = stretches(after), tuple(dependences(after, parts))
     progress('free curve')
-    found = find_curve(after, parts, unseen, depends_on, seed)
+    depends_on, found = dependences(after, parts), None
+    if findings and (depends_on or foretold(after, parts)[1] < LIKELY):
+        at_first = dependences(before, parts)
+        alone = find_curve(before, parts, unseen, at_first, seed)
+        if alone and is_better(alone, after, at_first):     # a law that has no name, but one place
+            after, findings, depends_on, found = before, (), at_first, alone
+    if found is None:
+        found = find_curve(after, parts, unseen, depends_on, seed)
+    pieces = stretches(after)
     final = after if found is None else found.fit
     return Trace(
         plant=plant, before=before, after=after, train=whole, test=unseen, fitted=parts,
@@ -115,7 +124,8 @@ def trace(train: Recording, test: Recording, plant: Plant,
                           [final.candidate.residual(p) for p in unseen], seed),
         floor=noise_floor(pieces), white=is_white(pieces),
         lines=tuple(lines(pieces, sample_time)),
-        depends_on=depends_on, drifts=drift(after), foretold=foretold(after, parts), found=found)
+        depends_on=tuple(depends_on), drifts=drift(after), foretold=foretold(after, parts),
+        found=found)
 
 
 def candidate_of(model: Model) -> Candidate:
