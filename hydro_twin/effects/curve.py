@@ -59,7 +59,7 @@ def curve(port: Port, signal: str, low: float, high: float, added: FloatArray) -
         high: last knot, above the first.
         added: at the knots, shape (KNOTS,).
     """
-    return Placed(over(port, signal), port, (low, high, *map(float, added)))
+    return Placed(over(port, signal), port, (float(low), float(high), *map(float, added)))
 
 
 def values(placed: Placed, signal: FloatArray) -> FloatArray:

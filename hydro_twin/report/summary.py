@@ -14,7 +14,15 @@ from hydro_twin.plants.difference_equation import characteristic
 from hydro_twin.plants.plant import FloatArray
 from hydro_twin.predictors.scores import rms
 from hydro_twin.residual.trace import Trace
-from hydro_twin.residual.verdict import CLOSE, drifts, is_structured, Judged, LIKELY, Verdict
+from hydro_twin.residual.verdict import (
+    CLOSE,
+    drifts,
+    is_stranger,
+    is_structured,
+    Judged,
+    LIKELY,
+    Verdict,
+)
 
 
 def summarise(trace: Trace, verdict: Verdict) -> dict[str, Any]:
@@ -101,6 +109,10 @@ def remainder_sentence(trace: Trace) -> str:
                      f'({first.share:.0%} of what is left)')
     if drifts(trace):
         parts.append('a parameter drifts over the recording')
+    if is_stranger(trace):
+        parts.append(f'on data that was not fitted the error is '
+                     f'{trace.unseen / trace.after.error:.1f} times as large: something happens '
+                     f'there that does not in the data that was')
     if not parts and is_structured(trace, LIKELY):
         parts.append(f'{trace.foretold[0]:.0%} of what is left follows what happens at the ports, '
                      f'by no single curve')

@@ -18,17 +18,14 @@ from hydro_twin.residual.select import (
     gain_p_value,
     search,
 )
-from hydro_twin.residual.structure import foretold
 
 MOST = 4                # effects in a model
-FIRSTS = 3              # effects of the first round that a chain may begin with
 LEVEL = 1e-3            # of a test, corrected for all that was tried
 WORTH, MORE = 0.01, 0.04    # least share of the mean square error that an effect must take off:
                             # the first, and each after it
 FINE = 0.2              # largest error of the time stepping, as a share of the residual
 FINEST = 16             # steps in a sample
 LATER, AGAIN = 8, 4     # effects fitted in full after the first round, and for an exchange
-TOLD = 0.01             # p-value from which what is left follows what happens at the ports
 TRIED = 40              # starts tried in a round, for the correction
 
 
@@ -77,60 +74,31 @@ class Ground:
 
 
 def grow(base: Fit, contenders: Sequence[Contender], ground: Ground) -> Chain:
-    """Grow a model from the best first effect; while something is left, from others too.
+    """Add the best effect, then the best of each further round, while they are likely.
 
-    Two effects may look like a third one as long as neither is in the model. The others are those
-    that explain at least half as much. The chain that the criterion likes best is returned.
+    Which of them help on data that was not fitted is asked of the whole: beside a second effect
+    that is still lacking, the first may not help there.
 
     Args:
         base: the fit without any of the effects.
         contenders: of the first round, best first.
         ground: the data.
     """
-    best = Chain(base)
-    explained = [base.cost**2 - c.fit.cost**2 for c in contenders]   # what each explains
-    for k, contender in enumerate(contenders[:FIRSTS]):
-        if k and (explained[k] < 0.5 * explained[0]
-                  or (contender.id, contender.placed.port) in _placed(best)):
-            continue
-        others = [*contenders[:k], *contenders[k + 1:]]
-        chain = _follow(Chain(base), [contender, *others], ground)
-        scores = criterion([best.fit, chain.fit])
-        if scores[1] < scores[0]:
-            best = chain
-        if foretold(best.fit, ground.parts)[1] >= TOLD:
-            break
-    return best
-
-
-def _placed(chain: Chain) -> set[tuple[str, object]]:
-    """Effects and ports that the findings of a chain stand for."""
-    effects = chain.fit.candidate.effects
-    return {(effects[f.index].effect.id, effects[f.index].port) for f in chain.findings}
-
-
-def _follow(chain: Chain, contenders: Sequence[Contender], ground: Ground) -> Chain:
-    """Add the first contender, then the best of each round, while they are likely.
-
-    Which of them help on data that was not fitted is asked of the whole: beside a second effect
-    that is still lacking, the first may not help there.
-    """
-    alone = chain.fit
+    chain = Chain(base)
     while contenders:
         first, *others = contenders
-        base = without_last(chain.fit, first.fit, ground.parts)
-        chain = replace(chain, fit=base)
-        if not likely(base, first.fit, MORE if chain.findings else WORTH):
+        fit = without_last(chain.fit, first.fit, ground.parts)
+        chain = replace(chain, fit=fit)
+        if not likely(fit, first.fit, MORE if chain.findings else WORTH):
             break
-        found = _finding(base, first.fit, others, len(base.candidate.effects))
+        found = _finding(fit, first.fit, others, len(fit.candidate.effects))
         if chain.findings and _nearest(found, first.id) < CLEARLY:
             break                           # what one law leaves is no evidence for just any other
-        fit = finely(first.fit, ground.parts)
-        chain = _exchange(Chain(fit, (*chain.findings, found)), ground)
+        chain = _exchange(Chain(finely(first.fit, ground.parts), (*chain.findings, found)), ground)
         if len(chain.findings) == MOST:
             break
         contenders = ground.contend(chain.fit, LATER)
-    return _proven(chain, alone, ground)
+    return _proven(chain, base, ground)
 
 
 def without_last(base: Fit, better: Fit, parts: Sequence[Part]) -> Fit:

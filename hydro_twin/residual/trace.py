@@ -4,10 +4,13 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 
+import numpy as np
+
 from hydro_twin.fitting.candidate import Candidate, Part, parts_of
 from hydro_twin.fitting.free_run import Fit, fit_linear
 from hydro_twin.model import Model
 from hydro_twin.plants import Plant
+from hydro_twin.predictors.scores import rms
 from hydro_twin.recording.series import Recording
 from hydro_twin.residual.chain import Finding, Ground, grow, without_last
 from hydro_twin.residual.curve import find_curve, Found, is_better
@@ -34,6 +37,7 @@ class Trace:
         fitted: what of the training parts was fitted: all, or stretches of a long recording.
         hidden: effects that the recording could not have shown.
         proof: the improvement on the test parts, by what was named and by the curve.
+        unseen: RMS of the residual of `after` on the test parts.
         floor: estimated RMS of the noise.
         depends_on: what the residual of `after` still depends on.
         drifts: (share, p-value) of a drift of the parameters in what is left.
@@ -50,6 +54,7 @@ class Trace:
     hidden: tuple[Hidden, ...]
     findings: tuple[Finding, ...]
     proof: Improvement
+    unseen: float
     floor: float
     white: bool
     lines: tuple[Line, ...]
@@ -122,6 +127,7 @@ def trace(train: Recording, test: Recording, plant: Plant,
         hidden=tuple(hidden(after, parts)), findings=findings,
         proof=improvement([before.candidate.residual(p) for p in unseen],
                           [final.candidate.residual(p) for p in unseen], seed),
+        unseen=rms(np.concatenate([after.candidate.residual(p) for p in unseen])),
         floor=noise_floor(pieces), white=is_white(pieces),
         lines=tuple(lines(pieces, sample_time)),
         depends_on=tuple(depends_on), drifts=drift(after), foretold=foretold(after, parts),

@@ -79,7 +79,7 @@ def trace(name, found=True, curve=False, seconds=0.6, source='a bag'):
                        for k in range(len(effects))) if found else (),
         proof=improvement([before.candidate.residual(p) for p in test],
                           [after.candidate.residual(p) for p in test], 0),
-        floor=noise_floor(stretches(after)), white=is_white(stretches(after)),
+        unseen=after.error, floor=noise_floor(stretches(after)), white=is_white(stretches(after)),
         lines=() if found else (Line(50.25, 0.125),),
         depends_on=() if found and not curve else (
             Dependence(port, 'value', 0.625, 3.5e-7, np.linspace(-1.0, 1.0, 5),
