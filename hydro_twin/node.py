@@ -3,10 +3,10 @@ from __future__ import annotations
 
 from collections import deque
 from collections.abc import Callable, Sequence
-import contextlib
 from functools import partial
 import gc
 from pathlib import Path
+import signal
 import sys
 import time
 from typing import Any
@@ -15,7 +15,7 @@ from rcl_interfaces.msg import SetParametersResult
 import rclpy
 from rclpy.clock import Clock, ClockType
 from rclpy.exceptions import NameValidationException, ParameterException
-from rclpy.executors import Executor, ExternalShutdownException, SingleThreadedExecutor
+from rclpy.executors import Executor, SingleThreadedExecutor
 from rclpy.lifecycle import (
     LifecycleNode,
     LifecyclePublisher,
@@ -25,6 +25,7 @@ from rclpy.lifecycle import (
 from rclpy.parameter import Parameter
 from rclpy.qos import QoSProfile, ReliabilityPolicy
 from rclpy.qos_overriding_options import QoSOverridingOptions
+from rclpy.signals import SignalHandlerOptions
 from rclpy.validate_topic_name import validate_topic_name
 from sensor_msgs.msg import JointState
 from std_srvs.srv import Trigger
@@ -142,9 +143,9 @@ class TwinNode(LifecycleNode):
             same_inputs(twin, twins[0])
         predictor = twins[0].predictor
         signals = self._signals.read(predictor.plant)
-        for signal in signals.values():
-            message_class(signal.type)
-            validate_topic_name(signal.topic)
+        for where in signals.values():
+            message_class(where.type)
+            validate_topic_name(where.topic)
         self._live = Live(predictor.plant, signals, predictor.sample_time,
                           self.get_parameter('wait').value)
         self._outlets = [self._outlet(twin) for twin in twins]
@@ -352,8 +353,19 @@ def main(arguments: Sequence[str] | None = None) -> int:
     Raises:
         UserError: it starts itself, and the models or parameters do not allow it.
     """
+    stopped = False
+
+    def stop(*_: object) -> None:
+        nonlocal stopped
+        stopped = True
+
+    # An exception in a callback would abort the EventsExecutor, so no signal may raise one; and
+    # rclpy's own handlers would end the context while the node still starts.
+    for number in (signal.SIGINT, signal.SIGTERM):
+        signal.signal(number, stop)
     try:
-        rclpy.init(args=None if arguments is None else [sys.argv[0], *arguments])
+        rclpy.init(args=None if arguments is None else [sys.argv[0], *arguments],
+                   signal_handler_options=SignalHandlerOptions.NO)
         node = TwinNode()
     except (RuntimeError, ParameterException) as error:   # rcl's errors are of the former
         rclpy.try_shutdown()
@@ -367,17 +379,11 @@ def main(arguments: Sequence[str] | None = None) -> int:
         executor = make_executor()
         executor.add_node(node)
         # spin() of some EventsExecutors hangs under full load; spin_once() does not.
-        with contextlib.suppress(ExternalShutdownException, KeyboardInterrupt):
-            while rclpy.ok():
-                executor.spin_once(timeout_sec=0.2)
-    except RuntimeError:
-        if rclpy.ok():
-            raise   # else it was interrupted while it started, and rcl could not go on
+        while not stopped:
+            executor.spin_once(timeout_sec=0.2)
     finally:
-        # An impatient second interrupt must not turn the end into a traceback.
-        with contextlib.suppress(KeyboardInterrupt):
-            node.destroy_node()
-            rclpy.try_shutdown()
+        node.destroy_node()
+        rclpy.try_shutdown()
     return 0
 
 

@@ -133,15 +133,16 @@ def ended(running: subprocess.Popen[Any]) -> Iterator[None]:
     finally:
         running.send_signal(signal.SIGINT)
         with contextlib.suppress(subprocess.TimeoutExpired):
-            running.wait(10)
+            running.wait(PATIENCE)
         running.kill()
 
 
 @contextlib.contextmanager
 def process(*arguments: str) -> Iterator[None]:
-    """Run a module."""
+    """Run a module, which ends well when it is interrupted."""
     with subprocess.Popen([sys.executable, '-m', *arguments]) as running, ended(running):
         yield
+    assert running.returncode == 0
 
 
 @contextlib.contextmanager

@@ -7,6 +7,7 @@ from pathlib import Path
 import signal
 import subprocess
 import sys
+import time
 from typing import Any
 
 import numpy as np
@@ -226,6 +227,17 @@ def test_the_player_ends_when_interrupted_and_offers_no_service(rig: Rig, bag: P
         out, err = player.communicate(timeout=PATIENCE)
     assert player.returncode == 0, err
     assert json.loads(out)['played'][INPUTS[0]] > 100
+
+
+@pytest.mark.parametrize('seconds', [0.5, 1.0, 1.5])
+def test_interrupted_while_it_starts_it_ends_quietly(model: Path, seconds: float) -> None:
+    """Not timed: wherever it is by then, on whatever machine, it ends quietly."""
+    with subprocess.Popen([sys.executable, '-m', 'hydro_twin.commands.main', 'node', '--ros-args',
+                           '-p', f'model:={model}'], stderr=subprocess.PIPE, text=True) as node:
+        time.sleep(seconds)
+        node.send_signal(signal.SIGINT)
+        _, err = node.communicate(timeout=PATIENCE)
+    assert 'rror' not in err
 
 
 @pytest.mark.parametrize(('arguments', 'named'), [
