@@ -23,9 +23,11 @@ import threading
 import time
 
 import numpy as np
+from rcl_interfaces.srv import SetParameters
 import rclpy
 from rclpy.executors import Executor, ExternalShutdownException
 from rclpy.node import Node
+from rclpy.parameter import Parameter
 from rclpy.qos import QoSProfile, ReliabilityPolicy
 from rclpy.serialization import serialize_message
 from sensor_msgs.msg import JointState
@@ -116,6 +118,7 @@ class Driver:
                                      for topic in (COMMAND, JOINTS))
         self.write_command = Writer('u_m', 'V')
         self.joint_state = JointState(name=['rig'], position=[0.0], effort=[0.0])
+        self.models = self.node.create_client(SetParameters, '/hydro_twin/set_parameters')
         self.arrived: dict[int, int] = {}
         self.stamp_of = Reader([SignalMap(JOINTS, 'sensor_msgs/msg/JointState', 'effort[0]')]).read
         self.node.create_subscription(JointState, '/hydro_twin/prediction', self.note,
@@ -135,8 +138,9 @@ class Driver:
         """Note when an answer has come."""
         self.arrived.setdefault(self.stamp_of(payload)[0] or 0, time.monotonic_ns())
 
-    def drive(self, pid: int, rate: float, seconds: float) -> dict[str, float]:
-        """Drive the other process; figures from after it has settled."""
+    def drive(self, pid: int, rate: float, seconds: float,
+              swaps: Sequence[Path] = ()) -> dict[str, float]:
+        """Drive the other process, and swap models all the while; figures from when it settled."""
         while not (self.command.get_subscription_count() and self.joints.get_subscription_count()
                    and self.node.count_publishers('/hydro_twin/prediction')):
             time.sleep(0.05)
@@ -148,12 +152,18 @@ class Driver:
         step, begin = round(2e6), 1_000_000_000_000_000
         started = time.monotonic()
         count, settled = round((SETTLE + seconds) * rate), round(SETTLE * rate)
-        used = wall = 0.0
+        used = wall = begun = 0.0
+        swapped = 0
         for k in range(count):
             if (ahead := started + k / rate - time.monotonic()) > 0:
                 time.sleep(ahead)
             if k == settled:
-                used, wall = cpu(pid), time.monotonic()
+                used, wall, begun = cpu(pid), time.monotonic(), resident(pid)
+            if swaps and k % round(SETTLE * rate) == 0:
+                model = Parameter('model', value=str(swaps[swapped % len(swaps)]))
+                self.models.call_async(SetParameters.Request(
+                    parameters=[model.to_parameter_msg()]))
+                swapped += 1
             stamp = begin + k * step
             self.command.publish(self.write_command.write(stamp, torque[k % 4096] / 100))
             header = self.joint_state.header.stamp
@@ -170,7 +180,9 @@ class Driver:
                 'cpu_percent': round(100 * used / wall, 2),
                 'rate_driven_hz': round((count - settled) / wall, 1),
                 'sent': len(stamps), 'answered': len(latency),
-                'answers_too_many': len(set(self.arrived) - set(sent))}
+                'answers_too_many': len(set(self.arrived) - set(sent)), 'swaps': swapped,
+                'resident_mb': round(resident(pid), 1),
+                'grown_mb': round(resident(pid) - begun, 2)}
 
 
 def twin(model: Path, *more: str) -> list[str]:
@@ -205,6 +217,7 @@ def main() -> None:
             (name, args.rate, twin(path)) for name, path in models.items()]
         cases = cases * args.repeat
         cases.append(('eight twins', args.rate, twin(linear, '-p', f'models:={eight}')))
+        cases.append(('swapped', args.rate, twin(linear)))
         for rate in args.rates:
             cases += [('bare', rate, [__file__, '--bare']), ('linear', rate, twin(linear))]
         found: dict[tuple[str, float], list[dict[str, float]]] = {}
@@ -212,8 +225,8 @@ def main() -> None:
             if args.only and name not in args.only:
                 continue
             with running(command) as process:
-                figures = driver.drive(process.pid, rate, args.seconds)
-                figures['resident_mb'] = round(resident(process.pid), 1)
+                figures = driver.drive(process.pid, rate, args.seconds,
+                                       list(models.values()) if name == 'swapped' else ())
             found.setdefault((name, rate), []).append(figures)
             print(json.dumps({'case': name, 'rate_hz': rate, **figures}), flush=True)
             time.sleep(1.0)

@@ -98,6 +98,8 @@ class TwinNode(LifecycleNode):
         gc.collect()
         gc.freeze()
         gc.disable()   # the worker collects
+        self.get_logger().info(f'runs {", ".join(str(choice.path) for choice in self._chosen)} on '
+                               f'{", ".join(self._publisher_counts)}')
         return super().on_activate(state)
 
     def _attempt(self, transition: Callable[[], None]) -> TransitionCallbackReturn:
@@ -222,7 +224,7 @@ class TwinNode(LifecycleNode):
         while aligner.advance():
             for outlet in self._outlets:
                 if aligner.first:
-                    outlet.twin.reset()
+                    outlet.restart()
                 outlet.step(aligner.stamp, aligner.inputs, aligner.measured)
 
     def _swap(self) -> None:
@@ -231,7 +233,7 @@ class TwinNode(LifecycleNode):
             twin = self._swaps.popleft()
             for outlet in self._outlets:
                 if outlet.twin.name == twin.name:
-                    outlet.twin = twin
+                    outlet.exchange(twin)
 
     def _on_tick(self) -> None:
         """Fill in inputs that are late, unless it is this process that is late."""
@@ -314,6 +316,7 @@ class TwinNode(LifecycleNode):
         self._diagnosis = Diagnosis(diagnosis.live, list(running.values()))
         self._announcer.info(self._diagnosis.twins)
         self._announcer.event('swapped', model=str(model), mode=mode)
+        self.get_logger().info(f'{model} takes over, {mode}')
 
     def _diagnose(self, elapsed: float) -> None:
         """Judge the residuals, publish diagnostics, tidy up."""

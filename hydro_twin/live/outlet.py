@@ -20,12 +20,38 @@ class Outlet:
         self._writer = Writer(output.name, output.unit)
         self._prediction = prediction
         self._residual = residual
+        self._next: Twin | None = None
+        self._left = 0   # steps that it has to start up
+
+    def exchange(self, twin: Twin) -> None:
+        """Let a twin take over with its first prediction, so that its start-up costs none."""
+        self._next = twin
+        self._left = twin.predictor.plant.order
+
+    def restart(self) -> None:
+        """Begin a run: the next sample is its first."""
+        if self._next is not None:
+            self._take_over(self._next)
+        self.twin.reset()
 
     def step(self, stamp: int, inputs: FloatArray, measured: float) -> None:
         """Step the twin by one sample; see `Twin.step`."""
+        if self._next is not None:
+            self._start_up(self._next, stamp, inputs, measured)
         twin = self.twin
         prediction = twin.step(stamp, inputs, measured)
         if prediction == prediction:   # not nan
             self._prediction(self._writer.write(stamp, prediction))
             if twin.residual == twin.residual:
                 self._residual(self._writer.write(stamp, twin.residual))
+
+    def _start_up(self, twin: Twin, stamp: int, inputs: FloatArray, measured: float) -> None:
+        """Step the twin that is to take over, until its next step is a prediction."""
+        if not self._left:
+            self._take_over(twin)
+            return
+        self._left -= 1
+        twin.step(stamp, inputs, measured)
+
+    def _take_over(self, twin: Twin) -> None:
+        self.twin, self._next = twin, None

@@ -215,6 +215,19 @@ def test_a_missing_measurement_leaves_no_residual() -> None:
     assert (len(predictions), len(residuals)) == (2, 1)
 
 
+def test_a_twin_that_takes_over_costs_no_prediction() -> None:
+    """It is published once it predicts; what it starts with is made by the one before."""
+    sent: list[bytes] = []
+    outlet = Outlet(Twin('', Echo(model()), 'one_step'), sent.append, lambda payload: None)
+    for k in range(20):
+        if k == 10:
+            outlet.exchange(Twin('', Echo(model(), gain=2.0), 'one_step'))
+        outlet.step(k * STEP, [0.0, 0.0], 1.0)   # type: ignore[arg-type]
+    read = Reader([SignalMap('/a', 'sensor_msgs/msg/JointState', 'effort[0]')]).read
+    later = 10 - 1 + PLANT.order
+    assert [read(payload)[1][0] for payload in sent] == [1.0] * later + [2.0] * (19 - later)
+
+
 def test_a_model_that_no_longer_holds_is_said() -> None:
     twin = Twin('', Echo(model(promised=1.0)), 'one_step')
     assert twin.monitor is not None
