@@ -105,6 +105,22 @@ def test_cylinder(shell: Shell, tmp_path: Path) -> None:
         whole(DOCS / 'measured' / 'cylinder_asymmetry.yaml'), 1))
 
 
+def test_water_valve(shell: Shell, tmp_path: Path) -> None:
+    shell('import', DATA / 'water_valve' / 'actuator3_2001-10-11_1h.csv.gz', '-o',
+          tmp_path / 'valve', '--map', ROOT / 'config' / 'measured' / 'water_valve.yaml')
+    found = shell('trace', tmp_path / 'valve', '--plant', 'control_valve', '-o', tmp_path / 'out')
+    first, *others = found['effects']
+    assert (first['id'], first['port']) == ('rate_limit', 'actuator')
+    limits = first['parameters']
+    closing = limits['limit']['value'] * (1.0 - limits['imbalance']['value'])
+    assert f'{100.0 * closing:.1f} % of its stroke a second' in (DOCS / 'measured.md').read_text()
+    assert 'delay' not in [effect['id'] for effect in others]
+    assert not any(effect['certain'] for effect in found['effects'])
+    documented('repeating the last sample', f'{100.0 * found["persistence"]["test"]:.2f}')
+    documented('linear: a lag', f'{100.0 * found["before"]["free_run"]["test"]:.2f}')
+    documented('traced', f'{100.0 * found["after"]["free_run"]["test"]:.2f}')
+
+
 def test_live_on_the_played_recording(shell: Shell, tmp_path: Path, rig: Any) -> None:
     """Two seconds of EMPS, in which it moves, through a node of its own process."""
     from ros_rig import lossless, play, twin
