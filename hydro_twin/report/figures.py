@@ -117,15 +117,20 @@ def _curve(found: Found) -> Illustration:
     knots = np.linspace(low, high, len(added))
     error = np.array([entry['std_error'] or 0.0 for entry in spread.values()][2:])
     x = np.linspace(low, high, FINE)
+    y, place = values(placed, x), np.linspace(-1.0, 1.0, FINE)
+    bent = y - np.polyval(np.polyfit(place, y, 1), place)
     return Illustration(
         f'found_{placed.port.name}_{placed.effect.reads[0]}',
         f'Found, not explained: {what} at the {placed.port.name}',
-        f'What the curve adds to the {placed.port.meaning}, as fitted with all parameters; bars '
-        f'are two standard errors. Where a parameter or a bias could do as well, a '
-        f'straight line more or less means nothing.',
-        (View('', (Chart(x_label, axis('added', placed.port.unit), (
-            Curve('free curve', x, values(placed, x), FOUND),
-            Curve('knots', knots, np.array(added), FOUND, 'points', 2.0 * error))),)),))
+        f'Above, the shape: what the curve adds to the {placed.port.meaning}, less a straight '
+        f'line, which a parameter or a bias often gives as well. Below, the curve as it is in the '
+        f'model, fitted with all parameters; bars are two standard errors.',
+        (View('', (
+            Chart(x_label, axis('added, bent', placed.port.unit), (
+                Curve('less a straight line', x, bent, FOUND),), height=0.6),
+            Chart(x_label, axis('added', placed.port.unit), (
+                Curve('free curve', x, y, FOUND),
+                Curve('knots', knots, np.array(added), FOUND, 'points', 2.0 * error))))),))
 
 
 def _signal(port: Port, signal: str) -> tuple[str, str]:

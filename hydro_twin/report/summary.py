@@ -101,7 +101,9 @@ def _named(judged: Judged) -> str:
 
 def remainder_sentence(trace: Trace) -> str:
     """Say what can be said of the residual at the end."""
-    parts = [f'a spectral line at {line.frequency:.1f} Hz' for line in trace.lines]
+    hertz = [f'{line.frequency:.1f}' for line in trace.lines]
+    parts = [f'a spectral line at {hertz[0]} Hz' if len(hertz) == 1 else
+             f'spectral lines at {", ".join(hertz)} Hz'] if hertz else []
     if trace.depends_on:
         first = trace.depends_on[0]
         what = 'value' if first.signal == 'value' else first.signal.replace('_', ' ')
