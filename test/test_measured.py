@@ -121,6 +121,18 @@ def test_water_valve(shell: Shell, tmp_path: Path) -> None:
     documented('traced', f'{100.0 * found["after"]["free_run"]["test"]:.2f}')
 
 
+def test_leg(shell: Shell, tmp_path: Path) -> None:
+    maps = ROOT / 'config' / 'measured'
+    shell('import', DATA / 'leg' / 'policy1_sin1Hz.csv.gz', '-o', tmp_path / 'leg',
+          '--map', maps / 'leg.yaml')
+    found = shell('trace', tmp_path / 'leg', '--plant', 'load_simulator', '--config',
+                  maps / 'leg_rig.yaml', '-o', tmp_path / 'out')
+    assert found['verdict'] == 'unexplained'
+    assert (found['found']['port'], found['found']['signal']) == ('flow', 'opening')
+    documented('linear, of the shape', f'{found["before"]["free_run"]["test"]:.1f}')
+    documented('with the curve', f'{found["after"]["free_run"]["test"]:.2f}')
+
+
 def test_live_on_the_played_recording(shell: Shell, tmp_path: Path, rig: Any) -> None:
     """Two seconds of EMPS, in which it moves, through a node of its own process."""
     from ros_rig import lossless, play, twin
