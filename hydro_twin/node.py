@@ -43,7 +43,7 @@ from hydro_twin.parameters import declare_parameters, SignalParameters
 from hydro_twin.predictors.predictor import MODES
 
 DEPTH = 200      # messages: a hiccup of 400 ms at 500 Hz
-TICK = 0.02      # how often the steady timer looks for inputs that are late [s]
+TICK = 0.05      # how often the steady timer looks for inputs that are late [s]
 PERIOD = 1.0     # of the diagnostics [s]
 SWITCH = 5e-4    # for how long the other thread may keep a message waiting [s]
 SUCCESS, FAILURE = TransitionCallbackReturn.SUCCESS, TransitionCallbackReturn.FAILURE
