@@ -108,14 +108,15 @@ class Candidate:
     @cached_property
     def _response(self) -> FloatArray:
         """How the first outputs move with the state at the start, linear laws, (START, n)."""
+        return self._free_response(START)
+
+    def _free_response(self, samples: int) -> FloatArray:
+        """How the output moves with the state at the start, linear laws, (samples, n)."""
         laws = self.system.laws
-        Phi = expm(laws.A * self.sample_time)
-        response = np.empty((START, len(Phi)))
-        row = laws.C[0]
-        for k in range(START):
-            response[k] = row
-            row = row @ Phi
-        return response
+        response, step = laws.C[:1], expm(laws.A * self.sample_time)
+        while len(response) < samples:
+            response, step = np.vstack([response, response @ step]), step @ step
+        return response[:samples]
 
     @cached_property
     def _response_size(self) -> FloatArray:
@@ -130,3 +131,19 @@ class Candidate:
     def residual(self, part: Part) -> FloatArray:
         """Measured less free run over the scored samples of a part, (N - START,)."""
         return (part.measured - self.run(part))[START:]
+
+    def fitted_residual(self, part: Part) -> FloatArray:
+        """Find the residual that is left if the whole part tells the state at its start.
+
+        The first samples tell it with some error, which lasts where the plant integrates, or
+        forgets slowly, and would be taken for an error of the laws. So a fit takes off what a
+        better state would, by the linear laws, weighing both by their samples. What is not fitted
+        has only its first samples to go by.
+        """
+        missed = self.residual(part)
+        if not np.isfinite(missed).all():
+            return missed
+        response = self._free_response(len(part.measured)) / self._response_size
+        scored = response[START:]
+        normal = response.T @ response + 1e-4 * np.eye(response.shape[1])
+        return missed - scored @ np.linalg.solve(normal, scored.T @ missed)

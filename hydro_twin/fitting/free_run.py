@@ -238,7 +238,7 @@ class Problem:
     def residual(self, coordinates: FloatArray) -> FloatArray:
         """Residual of all parts, then the pull; a run that diverged counts as very far off."""
         candidate = self.candidate(coordinates)
-        pieces = [candidate.residual(part) for part in self.parts]
+        pieces = [candidate.fitted_residual(part) for part in self.parts]
         pieces.append(self.pull(coordinates))
         whole = np.concatenate(pieces)
         far = 1e3 * self.size

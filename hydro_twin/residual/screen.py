@@ -13,7 +13,7 @@ import math
 import numpy as np
 
 from hydro_twin.effects import Effect, EFFECTS, Placed, sites, Span
-from hydro_twin.fitting.candidate import Candidate, Part, START
+from hydro_twin.fitting.candidate import Candidate, Part
 from hydro_twin.fitting.free_run import Fit, in_parallel
 from hydro_twin.plants import Plant, Port
 from hydro_twin.plants.plant import FloatArray
@@ -78,7 +78,6 @@ def screen(fit: Fit, parts: Sequence[Part], each: int = 2) -> list[Prospect]:
     basis, _ = np.linalg.qr(fit.jacobian)
     residual = fit.residual - basis @ (basis.T @ fit.residual)
     power = float(residual @ residual)
-    runs = np.concatenate([part.measured[START:] for part in parts]) - fit.residual
     starts = [Placed(effect, port, tuple(values))
               for effect, port in places(base.plant, base.effects)
               for values in effect.starts(reach[port])
@@ -87,7 +86,9 @@ def screen(fit: Fit, parts: Sequence[Part], each: int = 2) -> list[Prospect]:
 
     def response(placed: Placed) -> FloatArray:
         candidate = replace(base, effects=(*base.effects, placed))
-        return np.concatenate([candidate.run(part)[START:] for part in parts]) - runs
+        moved: FloatArray = fit.residual - np.concatenate(
+            [candidate.fitted_residual(part) for part in parts])
+        return moved
 
     prospects: dict[tuple[str, str], list[Prospect]] = {}
     for placed, moved in zip(starts, in_parallel(response, starts), strict=True):

@@ -31,14 +31,14 @@ def test_a_linear_rig_depends_on_nothing(linear):
             assert share < 0.01
 
 
-LAWS = {   # law on its port, the ports at which it may be seen, the signal there
+LAWS = {   # law on its port, the ports at which it may be seen, the signals there
     'leakage': (('leakage', {'flow': 3e-6, 'exponent': 3.0}), {'leakage', 'flow'},
-                'load_pressure'),
-    'asymmetry': (('flow', {'imbalance': 0.2}), {'flow', 'spool'}, 'value'),
-    'stiffening': (('coupling', {'cubic': 3e4}), {'coupling'}, 'value'),
-    'dead_zone': (('spool', {'width': 2e-6}), {'flow', 'spool'}, 'value'),
-    'friction': (('motor', {'coulomb': 6.0}), {'motor'}, 'velocity'),
-    'ripple': (('motor', {'cosine': 4.0, 'sine': 2.0, 'periods': 300.0}), {'motor'}, 'position'),
+                {'load_pressure', 'value'}),
+    'asymmetry': (('flow', {'imbalance': 0.2}), {'command', 'spool', 'flow'}, {'value', 'opening'}),
+    'stiffening': (('coupling', {'cubic': 3e4}), {'coupling'}, {'value', 'twist'}),
+    'dead_zone': (('spool', {'width': 2e-6}), {'flow', 'spool'}, {'value', 'opening'}),
+    'friction': (('motor', {'coulomb': 6.0}), {'motor'}, {'velocity'}),
+    'ripple': (('motor', {'cosine': 4.0, 'sine': 2.0, 'periods': 300.0}), {'motor'}, {'position'}),
 }
 
 
@@ -50,11 +50,12 @@ def lacking(name):
 
 @pytest.mark.parametrize('name', LAWS)
 def test_port_and_signal_of_a_law_are_found(name):
-    """Flow and leakage differ by a sign only; the spool and the flow by a factor."""
-    _, ports, signal = LAWS[name]
+    """Flow and leakage differ by a sign only; spool, flow and some signals by a factor; the
+    command leads the spool by little."""
+    _, ports, signals = LAWS[name]
     first = dependences(*lacking(name)[:2])[0]
     assert first.port.name in ports
-    assert first.signal == signal
+    assert first.signal in signals
     assert first.share > 0.2
     assert first.p_value < 0.01
 
