@@ -34,7 +34,8 @@ def test_a_linear_rig_depends_on_nothing(linear):
 LAWS = {   # law on its port, the ports at which it may be seen, the signals there
     'leakage': (('leakage', {'flow': 3e-6, 'exponent': 3.0}), {'leakage', 'flow'},
                 {'load_pressure', 'value'}),
-    'asymmetry': (('flow', {'imbalance': 0.2}), {'command', 'spool', 'flow'}, {'value', 'opening'}),
+    'asymmetry': (('flow', {'imbalance': 0.2}), {'command', 'spool', 'flow'},
+                  {'value', 'opening'}),
     'stiffening': (('coupling', {'cubic': 3e4}), {'coupling'}, {'value', 'twist'}),
     'dead_zone': (('spool', {'width': 2e-6}), {'flow', 'spool'}, {'value', 'opening'}),
     'friction': (('motor', {'coulomb': 6.0}), {'motor'}, {'velocity'}),
@@ -50,8 +51,7 @@ def lacking(name):
 
 @pytest.mark.parametrize('name', LAWS)
 def test_port_and_signal_of_a_law_are_found(name):
-    """Flow and leakage differ by a sign only; spool, flow and some signals by a factor; the
-    command leads the spool by little."""
+    """Some differ by a sign or a factor only; command and spool by a short lag."""
     _, ports, signals = LAWS[name]
     first = dependences(*lacking(name)[:2])[0]
     assert first.port.name in ports
