@@ -37,7 +37,7 @@ class Trace:
         fitted: what of the training parts was fitted: all, or stretches of a long recording.
         hidden: effects that the recording could not have shown.
         proof: the improvement on the test parts, by what was named and by the curve.
-        unseen: RMS of the residual of `after` on the test parts.
+        unseen: RMS of the residual of `after` on the test parts, but for their starts.
         floor: estimated RMS of the noise.
         depends_on: what the residual of `after` still depends on.
         drifts: (share, p-value) of a drift of the parameters in what is left.
@@ -127,7 +127,7 @@ def trace(train: Recording, test: Recording, plant: Plant,
         hidden=tuple(hidden(after, parts)), findings=findings,
         proof=improvement([before.candidate.residual(p) for p in unseen],
                           [final.candidate.residual(p) for p in unseen], seed),
-        unseen=rms(np.concatenate([after.candidate.residual(p) for p in unseen])),
+        unseen=rms(np.concatenate([after.candidate.fitted_residual(p) for p in unseen])),
         floor=noise_floor(pieces), white=is_white(pieces),
         lines=tuple(lines(pieces, sample_time)),
         depends_on=tuple(depends_on), drifts=drift(after), foretold=foretold(after, parts),
