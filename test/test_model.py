@@ -163,7 +163,7 @@ def test_effects_are_found_where_they_may_sit():
 def test_refinements_left_out_are_neutral():
     placed = place('friction', 'motor', {'coulomb': 5.0}, PLANT)
     assert placed.named == {'coulomb': 5.0, 'stribeck': 0.0, 'stribeck_velocity': 1.0,
-                            'bristle_stiffness': math.inf}
+                            'bristle_stiffness': math.inf, 'creep_velocity': 0.0}
 
 
 def test_shipped_configuration_is_not_a_model():
