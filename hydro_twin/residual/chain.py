@@ -112,8 +112,12 @@ def without_last(base: Fit, better: Fit, parts: Sequence[Part]) -> Fit:
 
 def likely(before: Fit, after: Fit, worth: float) -> bool:
     """Whether an effect is likely and takes off the share that it must, of what was fitted."""
-    return (gain_p_value(before, after, TRIED) < LEVEL
-            and 1.0 - (after.error / before.error) ** 2 > worth)
+    return gain_p_value(before, after, TRIED) < LEVEL and share(before, after) > worth
+
+
+def share(before: Fit, after: Fit) -> float:
+    """Share of the mean square error that a later fit takes off."""
+    return 1.0 - (after.error / before.error) ** 2
 
 
 def _proven(chain: Chain, alone: Fit, ground: Ground) -> Chain:
@@ -157,7 +161,7 @@ def _finding(without: Fit, fit: Fit, others: Sequence[Contender], index: int) ->
     score, *scores = criterion([fit, *(c.fit for c in others)])
     return Finding(
         index=index, p_value=gain_p_value(without, fit, TRIED),
-        share=1.0 - (fit.error / without.error) ** 2,
+        share=share(without, fit),
         rivals=tuple((c, s - score) for c, s in zip(others, scores, strict=True)))
 
 
@@ -190,7 +194,7 @@ def _exchange(chain: Chain, ground: Ground) -> Chain:
         placed = chain.fit.candidate.effects[found.index]
         without, rest = _without(chain, found, ground), _others(chain, k)
         with_it, bare = criterion([chain.fit, without])
-        if bare < with_it + CLEARLY:
+        if bare < with_it + CLEARLY or share(without, chain.fit) < WORTH:
             return _exchange(Chain(without, rest), ground)
         contenders = ground.contend(without, AGAIN)
         scores = criterion([chain.fit, *(c.fit for c in contenders)])
