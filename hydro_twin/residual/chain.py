@@ -24,7 +24,8 @@ LEVEL = 1e-3            # of a test, corrected for all that was tried
 WORTH, MORE = 0.01, 0.04    # least share of the mean square error that an effect must take off:
                             # the first, and each after it
 FINE = 0.2              # largest error of the time stepping, as a share of the residual
-FINEST = 16             # steps in a sample
+FINE_ENOUGH, FINEST = 8, 16     # steps in a sample, while a model grows and in the end
+ROUNDS = 8              # of adding an effect
 LATER, AGAIN = 8, 4     # effects fitted in full after the first round, and for an exchange
 TRIED = 40              # starts tried in a round, for the correction
 
@@ -85,7 +86,9 @@ def grow(base: Fit, contenders: Sequence[Contender], ground: Ground) -> Chain:
         ground: the data.
     """
     chain = Chain(base)
-    while contenders:
+    for _ in range(ROUNDS):
+        if not contenders:
+            break
         first, *others = contenders
         fit = without_last(chain.fit, first.fit, ground.parts)
         chain = replace(chain, fit=fit)
@@ -94,7 +97,8 @@ def grow(base: Fit, contenders: Sequence[Contender], ground: Ground) -> Chain:
         found = _finding(fit, first.fit, others, len(fit.candidate.effects))
         if chain.findings and _nearest(found, first.id) < CLEARLY:
             break                           # what one law leaves is no evidence for just any other
-        chain = _exchange(Chain(finely(first.fit, ground.parts), (*chain.findings, found)), ground)
+        better = finely(first.fit, ground.parts, FINE_ENOUGH)
+        chain = _exchange(Chain(better, (*chain.findings, found)), ground)
         if len(chain.findings) == MOST:
             break
         contenders = ground.contend(chain.fit, LATER)
@@ -170,10 +174,10 @@ def _nearest(found: Finding, name: str) -> float:
     return min((d for contender, d in found.rivals if contender.id != name), default=np.inf)
 
 
-def finely(fit: Fit, parts: Sequence[Part]) -> Fit:
+def finely(fit: Fit, parts: Sequence[Part], finest: int) -> Fit:
     """Shorten the steps until halving them changes the output little, then fit again."""
     candidate = fit.candidate
-    while candidate.substeps < FINEST:
+    while candidate.substeps < finest:
         finer = replace(candidate, substeps=2 * candidate.substeps)
         starts = [(part.inputs, candidate.start(part)) for part in parts]
         change = rms(np.concatenate([finer.system.run(*start) - candidate.system.run(*start)
@@ -201,7 +205,8 @@ def _exchange(chain: Chain, ground: Ground) -> Chain:
         if contenders and scores[1] < scores[0] - CLEARLY:
             first, *others = contenders
             instead = _finding(without, first.fit, others, len(without.candidate.effects))
-            return _exchange(Chain(finely(first.fit, ground.parts), (*rest, instead)), ground)
+            better = finely(first.fit, ground.parts, FINE_ENOUGH)
+            return _exchange(Chain(better, (*rest, instead)), ground)
         others = [c for c in contenders
                   if (c.id, c.placed.port) != (placed.effect.id, placed.port)]
         kept = _finding(without, chain.fit, others, found.index)

@@ -12,7 +12,7 @@ from hydro_twin.model import Model
 from hydro_twin.plants import Plant
 from hydro_twin.predictors.scores import rms
 from hydro_twin.recording.series import Recording
-from hydro_twin.residual.chain import Finding, Ground, grow, without_last
+from hydro_twin.residual.chain import Finding, finely, FINEST, Ground, grow, without_last
 from hydro_twin.residual.curve import find_curve, Found, is_better
 from hydro_twin.residual.excerpt import excerpt
 from hydro_twin.residual.noise import is_white, Line, lines, noise_floor
@@ -108,7 +108,9 @@ def trace(train: Recording, test: Recording, plant: Plant,
         before = base
     chain = grow(base, contenders, Ground(parts, unseen, seed, progress))
     findings = chain.findings
-    after = search(chain.fit.candidate, parts, 60) if findings else base
+    after = base
+    if findings:
+        after = search(finely(chain.fit, parts, FINEST).candidate, parts, 60)
     if findings and explained_share(before, after) < ENOUGH and foretold(after, parts)[1] < TOLD:
         after, findings = before, ()        # what explains a part only is not what is missing
     progress('free curve')
