@@ -66,7 +66,7 @@ def model(tmp_path_factory: pytest.TempPathFactory) -> Path:
 def bag(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Two stretches with a pause, the second long enough for the network to hiccup."""
     path = tmp_path_factory.mktemp('bags') / 'bag'
-    write_recording(path, [make_series(500), make_series(1000, START + 1700 * STEP)],
+    write_recording(path, [make_series(500), make_series(1000, START + 4500 * STEP)],
                     load_signals('load_simulator', NAMES))
     return path
 
