@@ -137,13 +137,18 @@ class Candidate:
 
         The first samples tell it with some error, which lasts where the plant integrates, or
         forgets slowly, and would be taken for an error of the laws. So a fit takes off what a
-        better state would, by the linear laws, weighing both by their samples. What is not fitted
+        better state would, by the linear laws, weighing first and later samples by how well they
+        are met: what the laws miss later on must not be blamed on the start. What is not fitted
         has only its first samples to go by.
         """
-        missed = self.residual(part)
+        missed = part.measured - self.run(part)
+        first, later = missed[:START], missed[START:]
         if not np.isfinite(missed).all():
-            return missed
-        response = self._free_response(len(part.measured)) / self._response_size
-        scored = response[START:]
-        normal = response.T @ response + 1e-4 * np.eye(response.shape[1])
-        return missed - scored @ np.linalg.solve(normal, scored.T @ missed)
+            return later
+        response = self._free_response(len(missed)) / self._response_size
+        weight = (rms(later) / max(rms(first), 1e-6 * rms(later), 1e-150)) ** 2
+        normal = (response[START:].T @ response[START:] + 1e-4 * np.eye(response.shape[1])
+                  + max(weight, 1.0) * response[:START].T @ response[:START])
+        rest: FloatArray = later - response[START:] @ np.linalg.solve(
+            normal, response[START:].T @ later)
+        return rest
