@@ -19,7 +19,7 @@ from hydro_twin.residual.select import (
     search,
 )
 
-MOST = 4                # effects in a model
+MOST = 3                # effects in a model
 LEVEL = 1e-3            # of a test, corrected for all that was tried
 WORTH, MORE = 0.01, 0.04    # least share of the mean square error that an effect must take off:
                             # the first, and each after it

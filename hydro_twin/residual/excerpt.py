@@ -5,7 +5,7 @@ from collections.abc import Sequence
 
 from hydro_twin.fitting.candidate import Part, START
 
-ENOUGH = 12_000         # scored samples
+ENOUGH = 8_000          # scored samples
 STRETCH = 1_500         # samples, with those that only set the state
 
 
