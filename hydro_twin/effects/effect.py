@@ -89,6 +89,7 @@ class Effect:
     told: Callable[[Span, tuple[float, ...]], bool] | None = None
     law: Callable[..., Any] | None = None
     reads: tuple[str, ...] = ()
+    unit_read: str = ''
     memory: int = 0
     implicit: bool = False
     shifts: str = ''
@@ -96,7 +97,8 @@ class Effect:
 
     def fits(self, port: Port) -> bool:
         """Whether the effect may sit on this port."""
-        return port.kind in self.kinds and all(name in port.signals for name in self.reads)
+        return (port.kind in self.kinds and all(name in port.signals for name in self.reads)
+                and self.unit_read in ('', *(port.signals[name] for name in self.reads[:1])))
 
     def unit(self, parameter: EffectParameter, port: Port) -> str:
         """Write the unit of a parameter at a port."""

@@ -34,6 +34,7 @@ EFFECT = Effect(
     title='torque ripple',
     kinds=('force',),
     reads=('position',),
+    unit_read='rad',
     parameters=(
         EffectParameter('cosine', 'amplitude in cosine phase', 'value', -1e9, 1e9, log=False),
         EffectParameter('sine', 'amplitude in sine phase', 'value', -1e9, 1e9, log=False),

@@ -180,8 +180,9 @@ def test_bristles_bend_elastically_below_the_sliding_force():
 def test_every_plant_can_be_simulated_and_replayed(name):
     plant = PLANTS[name]
     values = {p.name: math.sqrt(p.lower * p.upper) for p in plant.parameters}
-    inputs = {s.name: lambda t: 0.1 * np.sin(2 * np.pi * 3 * t) for s in plant.inputs}
-    series = simulate(plant, values | plant.constant_values(), (), inputs, 0.4)
+    T = plant.sample_time
+    inputs = {s.name: lambda t: 0.1 * np.sin(2 * np.pi * 0.006 / T * t) for s in plant.inputs}
+    series = simulate(plant, values | plant.constant_values(), (), inputs, 200 * T)
     model = Model(plant, {n: Estimate(v) for n, v in values.items()}, plant.constant_values(),
                   plant.sample_time)
     size = np.abs(series[plant.output.name]).max()
