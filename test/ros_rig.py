@@ -124,7 +124,6 @@ class Rig:
         self.until(lambda: said, 'the node says how it is')
 
 
-
 @contextlib.contextmanager
 def ended(running: subprocess.Popen[Any]) -> Iterator[None]:
     """End a process as its user does, or else by force."""

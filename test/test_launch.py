@@ -58,8 +58,8 @@ def test_the_launch_file_sets_parameters_that_the_node_declares() -> None:
 
 def test_the_demonstration_traces_and_plays_a_bag_that_is_there() -> None:
     tree = launched('demo')
-    _, *path = ast.literal_eval(ast.unparse(calls(tree, 'PathJoinSubstitution')[0].args[0])
-                                    .replace('share', "'share'"))
+    joined = ast.unparse(calls(tree, 'PathJoinSubstitution')[0].args[0])
+    _, *path = ast.literal_eval(joined.replace('share', "'share'"))
     assert (ROOT.joinpath(*path) / 'metadata.yaml').is_file()
     assert keys(tree) <= arguments(launched('twin'))
     run = [[constant(word) for word in call.keywords[0].value.elts[1:]]

@@ -15,21 +15,31 @@ import pytest
 
 pytest.importorskip('rclpy')
 
-from lifecycle_msgs.srv import ChangeState, GetState  # noqa: I100
-from rcl_interfaces.srv import GetParameters, SetParameters
-from rclpy.parameter import Parameter
-from ros_rig import ended, INPUTS, lossless, PATIENCE, play, process, Rig, stamp_of, twin
-from sensor_msgs.msg import JointState
-from std_msgs.msg import String
-from std_srvs.srv import Trigger
+from lifecycle_msgs.srv import ChangeState, GetState  # noqa: E402,I100
+from rcl_interfaces.srv import GetParameters, SetParameters  # noqa: E402
+from rclpy.parameter import Parameter  # noqa: E402
+from ros_rig import (  # noqa: E402
+    ended,
+    INPUTS,
+    lossless,
+    PATIENCE,
+    play,
+    process,
+    Rig,
+    stamp_of,
+    twin,
+)
+from sensor_msgs.msg import JointState  # noqa: E402
+from std_msgs.msg import String  # noqa: E402
+from std_srvs.srv import Trigger  # noqa: E402
 
-from hydro_twin.model import Estimate, Model, write_model
-from hydro_twin.plants import plant_named
-from hydro_twin.predictors.predictor import load
-from hydro_twin.recording.read import read_recording
-from hydro_twin.recording.series import Series
-from hydro_twin.recording.signals import load_signals
-from hydro_twin.recording.write import write_recording
+from hydro_twin.model import Estimate, Model, write_model  # noqa: E402
+from hydro_twin.plants import plant_named  # noqa: E402
+from hydro_twin.predictors.predictor import load  # noqa: E402
+from hydro_twin.recording.read import read_recording  # noqa: E402
+from hydro_twin.recording.series import Series  # noqa: E402
+from hydro_twin.recording.signals import load_signals  # noqa: E402
+from hydro_twin.recording.write import write_recording  # noqa: E402
 
 pytestmark = [pytest.mark.slow,   # what rclpy imports imports what is out of date
               pytest.mark.filterwarnings("ignore:module 'sre_")]

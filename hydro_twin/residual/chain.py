@@ -21,8 +21,8 @@ from hydro_twin.residual.select import (
 
 MOST = 3                # effects in a model
 LEVEL = 1e-3            # of a test, corrected for all that was tried
-WORTH, MORE = 0.01, 0.04    # least share of the mean square error that an effect must take off:
-                            # the first, and each after it
+WORTH = 0.01            # least share of the mean square error that the first effect takes off
+MORE = 0.04             # and each after it
 FINE = 0.2              # largest error of the time stepping, as a share of the residual
 FINE_ENOUGH, FINEST = 8, 16     # steps in a sample, while a model grows and in the end
 ROUNDS = 8              # of adding an effect

@@ -88,4 +88,3 @@ def test_a_curve_that_cannot_be_is_refused(tmp_path, change, says):
     (tmp_path / 'm.yaml').write_text(yaml.safe_dump(whole))
     with pytest.raises(ModelError, match=says):
         read_model(tmp_path / 'm.yaml')
-
