@@ -209,7 +209,7 @@ def test_played_with_a_clock_in_a_loop_it_resets_at_the_jump(rig: Rig, bag: Path
             rig.status('time', 'jumped back')
             rig.until(lambda: len(predictions) > 3500, 'it goes on')
     stamps = [stamp_of(m) for m in predictions]
-    assert max(stamps) < START + 3000 * STEP
+    assert max(stamps) < START + 6000 * STEP
     assert sum(later < earlier for earlier, later in pairwise(stamps)) >= 1
 
 
@@ -236,7 +236,7 @@ def test_the_player_ends_when_interrupted_and_offers_no_service(rig: Rig, bag: P
         player.send_signal(signal.SIGINT)
         out, err = player.communicate(timeout=PATIENCE)
     assert player.returncode == 0, err
-    assert json.loads(out)['played'][INPUTS[0]] > 100
+    assert json.loads(out)['played'][INPUTS[0]] >= 100
 
 
 @pytest.mark.parametrize('seconds', [0.5, 1.0, 1.5])

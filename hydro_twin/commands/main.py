@@ -40,6 +40,7 @@ VERBS = {   # verb -> its module, what it does
 ROS = "source ROS 2 Jazzy, or install 'hydro_twin[ros]'"
 REMEDIES = {   # module that a plain install may lack -> where it comes from
     'diagnostic_msgs': ROS,
+    'rcl_interfaces': ROS,
     'rclpy': ROS,
     'torch': "install 'hydro_twin[learn]'",
 }

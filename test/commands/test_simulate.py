@@ -61,7 +61,8 @@ def test_a_seed_makes_the_same_bag(tmp_path, capsys):
 
 @pytest.mark.parametrize('plant', PLANTS)
 def test_every_plant(tmp_path, capsys, plant):
-    status, truth, _ = simulate(capsys, tmp_path / 'bag', plant=plant)
+    duration = str(300 * PLANTS[plant].sample_time)
+    status, truth, _ = simulate(capsys, tmp_path / 'bag', '--duration', duration, plant=plant)
     assert status == 0
     series = columns(tmp_path / 'bag', plant)
     assert sum(map(len, series)) == truth['samples']

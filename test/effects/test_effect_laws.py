@@ -201,7 +201,7 @@ def test_creep_follows_its_own_velocity(free, compliance, sliding, creep):
         return velocity + compliance * sliding * np.tanh(velocity / creep) - abs(free)
 
     force, _ = rub(free, compliance, (sliding, 0.0, 1.0, INF, creep))
-    velocity = brentq(balance, 0.0, abs(free))
+    velocity = brentq(balance, 0.0, abs(free), xtol=1e-15)
     assert free - compliance * force == pytest.approx(
         np.copysign(velocity, free), rel=1e-9, abs=1e-12 * abs(free))
 

@@ -60,9 +60,9 @@ def recording(plant, samples=700, seed=0):
     """Smooth random inputs that begin at rest, and an output of no matter what shape."""
     rng = np.random.default_rng(seed)
     t = plant.sample_time * np.arange(samples)
-    smooth = signal.butter(2, 5.0, fs=1 / plant.sample_time, output='sos')
+    smooth = signal.butter(2, 0.01, fs=1.0, output='sos')   # 5 Hz at 500 Hz
     scales = {'u_m': 0.4, 'theta_d': 0.02}
-    columns = {s.name: scales.get(s.name, 1.0) * np.tanh(t / 0.05)
+    columns = {s.name: scales.get(s.name, 1.0) * np.tanh(t / (25 * plant.sample_time))
                * signal.sosfilt(smooth, rng.standard_normal(samples)) * 4 for s in plant.inputs}
     columns[plant.output.name] = np.zeros(samples)
     return Series(columns, plant.sample_time)
