@@ -23,7 +23,8 @@ if TYPE_CHECKING:
     from hydro_twin.simulation.simulate import Excitation
 
 START = 1_000_000_000_000                   # stamp of the first sample [ns]
-PAUSE = 1_000_000_000                       # between two series [ns]
+PAUSE = 1_000_000_000                       # between two series [ns] ...
+PAUSE_SAMPLES = 10                          # ... and at least, so that they are told apart
 SHARES = (0.5, 0.2)                         # of a large output: first input, each of the others
 B19 = ('sine:frequency=1', 'sine:frequency=7', 'sine:frequency=9')
 
@@ -114,7 +115,8 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
                                for signal, spec in zip(plant.inputs, specs, strict=True)},
                 'largest': {name: float(np.abs(one[name]).max()) for name in one.columns},
                 'noise': noise})
-            start += round(len(one) * plant.sample_time * 1e9) + PAUSE
+            step = plant.sample_time * 1e9
+            start += round(len(one) * step) + max(PAUSE, round(PAUSE_SAMPLES * step))
     write_recording(args.output, series, rig.signals, {'origin': 'simulated, not measured'})
     return {
         'bag': str(args.output),
