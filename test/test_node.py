@@ -231,12 +231,12 @@ def test_the_player_ends_when_interrupted_and_offers_no_service(rig: Rig, bag: P
     with subprocess.Popen([sys.executable, '-m', 'hydro_twin.commands.main', 'replay', str(bag),
                            '--publish', '--loop', '--json'], stdout=subprocess.PIPE,
                           stderr=subprocess.PIPE, text=True) as player, ended(player):
-        rig.until(lambda: len(rig.heard[INPUTS[0]]) > 100, 'it plays')
+        rig.until(lambda: len(rig.heard[INPUTS[0]]) > 101, 'it plays')   # one may not be counted
         assert not rig.node.get_service_names_and_types_by_node('hydro_twin_player', '/')
         player.send_signal(signal.SIGINT)
         out, err = player.communicate(timeout=PATIENCE)
     assert player.returncode == 0, err
-    assert json.loads(out)['played'][INPUTS[0]] >= 100
+    assert json.loads(out)['played'][INPUTS[0]] > 100
 
 
 @pytest.mark.parametrize('seconds', [0.5, 1.0, 1.5])
