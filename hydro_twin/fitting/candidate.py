@@ -84,25 +84,29 @@ class Candidate:
         x = system.start(inputs[0], measured[0])
         size = max(rms(measured - measured.mean()), 1e-3 * rms(part.measured), 1e-12)
         miss = measured - system.run(inputs, x)
-        if len(system.table):
-            at_rest = measured - miss
-            scale = size / self._response_size
-            columns = np.stack([system.run(inputs, x + 0.01 * s * unit) - at_rest
-                                for s, unit in zip(scale, np.eye(len(x)), strict=True)],
-                               axis=1) / 0.01
-        else:
-            scale = size / self._response_size
-            columns = self._response[:n] * scale
-        if not (np.isfinite(columns).all() and np.isfinite(miss).all()):
-            return x
+        size = max(rms(measured - measured.mean()), 1e-3 * rms(part.measured), 1e-12)
+        scale = size / self._response_size
         held = 0.01 * size * np.eye(len(x))
-        solve = np.linalg.pinv(np.vstack([columns, held]))[:, :n]
-        for _ in range(2 if len(system.table) else 1):
-            trial = x + scale * (solve @ miss)
-            left = measured - system.run(inputs, trial)
-            if not left @ left < miss @ miss:
-                break
-            x, miss = trial, left
+
+        def approach(columns: FloatArray, times: int) -> None:
+            nonlocal x, miss
+            if not (np.isfinite(columns).all() and np.isfinite(miss).all()):
+                return
+            solve = np.linalg.pinv(np.vstack([columns, held]))[:, :n]
+            for _ in range(times):
+                trial = x + scale * (solve @ miss)
+                left = measured - system.run(inputs, trial)
+                if not left @ left < miss @ miss:
+                    break
+                x, miss = trial, left
+
+        # By the linear laws first: what sticks at rest has no derivative there.
+        approach(self._response[:n] * scale, 1)
+        if len(system.table):
+            here = measured - miss
+            approach(np.stack([system.run(inputs, x + 0.01 * s * unit) - here
+                               for s, unit in zip(scale, np.eye(len(x)), strict=True)],
+                              axis=1) / 0.01, 2)
         return x
 
     @cached_property

@@ -9,6 +9,7 @@ import numpy as np
 from hydro_twin.fitting.candidate import Part
 from hydro_twin.fitting.free_run import Fit
 from hydro_twin.predictors.scores import rms
+from hydro_twin.residual.noise import noise_floor
 from hydro_twin.residual.proof import improvement
 from hydro_twin.residual.select import (
     CLEARLY,
@@ -17,7 +18,9 @@ from hydro_twin.residual.select import (
     criterion,
     gain_p_value,
     search,
+    stretches,
 )
+from hydro_twin.residual.structure import foretold
 
 MOST = 3                # effects in a model
 LEVEL = 1e-3            # of a test, corrected for all that was tried
@@ -27,6 +30,9 @@ FINE = 0.2              # largest error of the time stepping, as a share of the 
 FINE_ENOUGH, FINEST = 8, 16     # steps in a sample, while a model grows and in the end
 ROUNDS = 8              # of adding an effect
 LATER, AGAIN = 8, 4     # effects fitted in full after the first round, and for an exchange
+ENOUGH = 0.5            # least share above the noise that each takes off, where something is left
+TOLD = 0.05             # p-value from which what is left follows what happens at the ports
+NOISY = 2.0             # error over the noise's, from which more than noise is left
 TRIED = 40              # starts tried in a round, for the correction
 
 
@@ -144,6 +150,35 @@ def _proven(chain: Chain, alone: Fit, ground: Ground) -> Chain:
     if helps[least] > 0.0:
         return chain
     return _proven(Chain(bare[least], _others(chain, least)), alone, ground)
+
+
+def supported(chain: Chain, alone: Fit, ground: Ground) -> Chain:
+    """Drop effects that explain less of what is left without them than they leave, if any is.
+
+    What explains a part only is not what is missing. One effect is held to that where what is
+    left follows what happens at the ports; each of several, wherever more is left than noise.
+
+    Args:
+        chain: a model that has grown.
+        alone: the fit without any of its effects.
+        ground: the data.
+    """
+    several = len(chain.findings) > 1
+    left = several and chain.fit.error > NOISY * noise_floor(stretches(chain.fit))
+    if not chain.findings or not (left or foretold(chain.fit, ground.parts)[1] < TOLD):
+        return chain
+    bare = [_without(chain, found, ground) if several else alone for found in chain.findings]
+    shares = [explained_share(fit, chain.fit) for fit in bare]
+    least = int(np.argmin(shares))
+    if shares[least] >= ENOUGH:
+        return chain
+    return supported(Chain(bare[least], _others(chain, least)), alone, ground)
+
+
+def explained_share(before: Fit, after: Fit) -> float:
+    """Share of the mean square error above the noise that a later fit takes off."""
+    floor = noise_floor(stretches(after))
+    return (before.error**2 - after.error**2) / max(before.error**2 - floor**2, 1e-300)
 
 
 def _without(chain: Chain, found: Finding, ground: Ground) -> Fit:

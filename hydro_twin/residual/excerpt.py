@@ -1,29 +1,94 @@
-"""A few stretches of a long recording, enough to fit and to tell effects apart."""
+"""As much of a long recording as it takes to fit and to tell effects apart.
+
+Stretches, because where a plant integrates a long free run adds up what its laws miss, until
+little else can be seen, and has many local minima; and thinner than recorded, where nothing
+happens between the samples that are left. Neither choice depends on how well a model with effects
+does, so that it cannot favour one.
+"""
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
+import math
 
-from hydro_twin.fitting.candidate import Part, START
+import numpy as np
+
+from hydro_twin.fitting.candidate import Candidate, Part, START
+from hydro_twin.fitting.free_run import Fit
+from hydro_twin.plants import Plant
+from hydro_twin.predictors.scores import rms
 
 ENOUGH = 8_000          # scored samples
-STRETCH = 1_500         # samples, with those that only set the state
+STRETCH = 1_500         # samples of a stretch, with those that only set the state
+COARSEST = 8            # factor that leaves enough of a stretch to be scored
+HARMLESS = 0.01         # change of the output by thinning, as a share of the residual
 
 
-def excerpt(parts: Sequence[Part]) -> list[Part]:
+def excerpt(parts: Sequence[Part], factor: int = 1) -> list[Part]:
     """Cut stretches evenly out of parts that hold more samples than it takes.
 
-    What is chosen does not depend on the output, so that it cannot favour a model.
+    Args:
+        parts: what was recorded.
+        factor: by which the stretches are going to be thinned, so that there may be more of them.
     """
     if sum(len(part.measured) - START for part in parts) <= ENOUGH:
         return list(parts)
+    enough, scored = factor * ENOUGH, STRETCH - factor * START
     total = sum(len(part.measured) for part in parts)
     cut = []
     for part in parts:
         n = len(part.measured)
-        count = max(1, round(ENOUGH / (STRETCH - START) * n / total))
+        count = max(1, min(round(enough / scored * n / total), n // STRETCH))
         length = min(STRETCH, n)
         for k in range(count):
             begin = (n - length) * (2 * k + 1) // (2 * count)
             cut.append(Part(part.inputs[begin:begin + length],
                             part.measured[begin:begin + length], part.source))
-    return cut[::max(1, len(cut) * (STRETCH - START) // (2 * ENOUGH))]
+    return cut[::max(1, len(cut) * scored // (2 * enough))]
+
+
+def thin(parts: Sequence[Part], plant: Plant, factor: int) -> list[Part]:
+    """Keep every so many samples; of commands, which are held, the mean until the next."""
+    if factor == 1:
+        return list(parts)
+    thinned = []
+    for part in parts:
+        n = len(part.measured) // factor * factor
+        held = part.inputs[:n].reshape(-1, factor, part.inputs.shape[1]).mean(axis=1)
+        inputs = np.where([signal.held for signal in plant.inputs], held, part.inputs[:n:factor])
+        thinned.append(Part(np.ascontiguousarray(inputs),
+                            np.ascontiguousarray(part.measured[:n:factor]), part.source))
+    return thinned
+
+
+def resampled(candidate: Candidate, sample_time: float) -> Candidate:
+    """Let a candidate run with another sample time [s], its steps at most as long as before."""
+    substeps = candidate.substeps
+    if sample_time < candidate.sample_time:
+        substeps = math.ceil(substeps * sample_time / candidate.sample_time - 1e-9)
+    timing = {name: max(late, -sample_time) for name, late in (candidate.timing or {}).items()}
+    return replace(candidate, sample_time=sample_time, substeps=substeps, timing=timing)
+
+
+def harmless_factor(fit: Fit, parts: Sequence[Part], recorded: int) -> int:
+    """Find the power of two by which a long recording may be thinned.
+
+    So far that no more is left than it takes, or as far as the free run of the fit hardly changes.
+
+    Args:
+        fit: the linear fit to the parts.
+        parts: an excerpt.
+        recorded: samples in the whole recording.
+    """
+    factor, candidate = 1, fit.candidate
+    while factor < COARSEST and factor * ENOUGH < recorded:
+        coarse = resampled(candidate, 2 * factor * candidate.sample_time)
+        changes = []
+        for part, thinned in zip(parts, thin(parts, candidate.plant, 2 * factor), strict=True):
+            x = candidate.start(part)
+            there = coarse.system.run(thinned.inputs, x)
+            changes.append(candidate.system.run(part.inputs, x)[::2 * factor][:len(there)] - there)
+        if not rms(np.concatenate(changes)) < HARMLESS * fit.error:
+            break
+        factor *= 2
+    return factor

@@ -2,7 +2,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -12,19 +12,26 @@ from hydro_twin.model import Model
 from hydro_twin.plants import Plant
 from hydro_twin.predictors.scores import rms
 from hydro_twin.recording.series import Recording
-from hydro_twin.residual.chain import Finding, finely, FINEST, Ground, grow, without_last
+from hydro_twin.residual.chain import (
+    Finding,
+    finely,
+    FINEST,
+    Ground,
+    grow,
+    supported,
+    without_last,
+)
 from hydro_twin.residual.curve import find_curve, Found, is_better
-from hydro_twin.residual.excerpt import excerpt
+from hydro_twin.residual.excerpt import excerpt, harmless_factor, resampled, thin
 from hydro_twin.residual.noise import is_white, Line, lines, noise_floor
 from hydro_twin.residual.proof import Improvement, improvement
 from hydro_twin.residual.screen import Hidden, hidden
 from hydro_twin.residual.select import contend, search, stretches
 from hydro_twin.residual.structure import Dependence, dependences, drift, foretold
 
+AT_LAST = 60_000        # samples of a recording that was thinned, fitted whole in the end
 EVERY = 1000            # effects fitted in full in the first round
 LIKELY = 0.05           # p-value from which something may be left that names do not explain
-ENOUGH = 0.5            # least share of what is above the noise that effects must explain
-TOLD = 0.01             # p-value from which what is left follows what happens at the ports
 
 
 @dataclass(frozen=True)
@@ -37,7 +44,7 @@ class Trace:
         fitted: what of the training parts was fitted: all, or stretches of a long recording.
         hidden: effects that the recording could not have shown.
         proof: the improvement on the test parts, by what was named and by the curve.
-        unseen: RMS of the residual of `after` on the test parts, but for their starts.
+        unseen: RMS of the residual of `after` on the like of the test parts, but for their starts.
         floor: estimated RMS of the noise.
         depends_on: what the residual of `after` still depends on.
         drifts: (share, p-value) of a drift of the parameters in what is left.
@@ -92,57 +99,72 @@ def trace(train: Recording, test: Recording, plant: Plant,
         DataError: a recording is too short, constant or not finite.
     """
     whole, unseen = parts_of(train, plant), parts_of(test, plant)
-    parts = excerpt(whole)
     sample_time = train.series[0].sample_time
+    fine = excerpt(whole)
     progress('linear model')
     if model is None:
-        before = fit_linear(plant, parts, plant.constant_values(constants), sample_time,
+        before = fit_linear(plant, fine, plant.constant_values(constants), sample_time,
                             'physical', timing=True, seed=seed)
     else:
-        before = search(candidate_of(model), parts, 1)
-    base = before if model is None else search(before.candidate, parts, 40)
+        before = search(candidate_of(model), fine, 1)
+    recorded = sum(len(part.measured) for part in whole)
+    factor = harmless_factor(before, fine, recorded)
+    fine, elsewhere = excerpt(whole, factor), excerpt(unseen, factor)
+    parts, others = thin(fine, plant, factor), thin(elsewhere, plant, factor)
+    if factor > 1 and recorded <= AT_LAST:
+        fine, elsewhere = whole, unseen
+    base = before
+    if factor > 1 or model is not None:
+        base = search(resampled(before.candidate, factor * sample_time), parts, 40)
     contenders = contend(base, parts, EVERY, True, progress)
     if contenders:
         base = without_last(base, contenders[0].fit, parts)
-    if model is None:
-        before = base
-    chain = grow(base, contenders, Ground(parts, unseen, seed, progress))
+    ground = Ground(parts, others, seed, progress)
+    chain = grow(base, contenders, ground)
+    if chain.findings:
+        better = search(finely(chain.fit, parts, FINEST).candidate, parts, 60)
+        chain = supported(replace(chain, fit=better), base, ground)
     findings = chain.findings
-    after = base
-    if findings:
-        after = search(finely(chain.fit, parts, FINEST).candidate, parts, 60)
-    if findings and explained_share(before, after) < ENOUGH and foretold(after, parts)[1] < TOLD:
-        after, findings = before, ()        # what explains a part only is not what is missing
+    after = chain.fit if findings else base
     progress('free curve')
     depends_on, found = dependences(after, parts), None
     if findings and (depends_on or foretold(after, parts)[1] < LIKELY):
-        at_first = dependences(before, parts)
-        alone = find_curve(before, parts, unseen, at_first, seed)
+        at_first = dependences(base, parts)
+        alone = find_curve(base, parts, others, at_first, seed)
         if alone and is_better(alone, after, at_first):     # a law that has no name, but one place
-            after, findings, depends_on, found = before, (), at_first, alone
+            after, findings, depends_on, found = base, (), at_first, alone
     if found is None:
-        found = find_curve(after, parts, unseen, depends_on, seed)
+        found = find_curve(after, parts, others, depends_on, seed)
+    if factor > 1:
+        progress('all samples')
+        base, after = (_as_recorded(fit, sample_time, fine) for fit in (base, after))
+        found = found and replace(found, fit=_as_recorded(found.fit, sample_time, fine))
+        depends_on = dependences(after, fine)
+    if model is None:
+        before = base
+    elif factor > 1:
+        before = search(before.candidate, fine, 1)
     pieces = stretches(after)
     final = after if found is None else found.fit
     return Trace(
-        plant=plant, before=before, after=after, train=whole, test=unseen, fitted=parts,
-        hidden=tuple(hidden(after, parts)), findings=findings,
+        plant=plant, before=before, after=after, train=whole, test=unseen, fitted=fine,
+        hidden=tuple(hidden(after, fine)), findings=findings,
         proof=improvement([before.candidate.residual(p) for p in unseen],
                           [final.candidate.residual(p) for p in unseen], seed),
-        unseen=rms(np.concatenate([after.candidate.fitted_residual(p) for p in unseen])),
+        unseen=rms(np.concatenate([after.candidate.fitted_residual(p) for p in elsewhere])),
         floor=noise_floor(pieces), white=is_white(pieces),
         lines=tuple(lines(pieces, sample_time)),
-        depends_on=tuple(depends_on), drifts=drift(after), foretold=foretold(after, parts),
+        depends_on=tuple(depends_on), drifts=drift(after), foretold=foretold(after, fine),
         found=found)
+
+
+def _as_recorded(fit: Fit, sample_time: float, parts: Sequence[Part]) -> Fit:
+    """Fit what was found on thinned samples to all samples."""
+    fine = search(resampled(fit.candidate, sample_time), parts, 20)
+    return finely(fine, parts, FINEST) if fine.candidate.effects else fine
 
 
 def candidate_of(model: Model) -> Candidate:
     """Take the values of a model."""
     return Candidate(model.plant, model.values, model.sample_time, model.placed,
                      dict(model.timing), model.substeps)
-
-
-def explained_share(before: Fit, after: Fit) -> float:
-    """Share of the mean square error above the noise that a later fit takes off."""
-    floor = noise_floor(stretches(after))
-    return (before.error**2 - after.error**2) / max(before.error**2 - floor**2, 1e-300)
