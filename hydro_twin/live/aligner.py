@@ -48,6 +48,7 @@ class Aligner:
         self._floor = 0                # no series begins before
         self._horizon = -1             # newest stamp of any signal
         self._silence = 0              # time since it came
+        self._leap: tuple[int, int] | None = None   # stamps before and after a pause of all
 
     def push(self, track: Track, stamp: int, value: float) -> None:
         """Take in a sample of a signal; stamp in ns."""
@@ -61,7 +62,11 @@ class Aligner:
         track.late += stamp <= self.stamp
         if stamp > self._horizon:
             if 0 <= self._horizon < stamp - self._silence - leap:
-                self._end(stamp)   # too much to fill in, however well commands hold
+                # Too much to fill in, however well commands hold; but signals that lag may
+                # still bring what was before.
+                if self._leap:
+                    self._end(stamp)
+                self._leap = self._horizon, stamp
             self._horizon = stamp
             self._silence = 0
 
@@ -81,7 +86,7 @@ class Aligner:
         """Forget everything; the next sample begins a new series."""
         for track in self.tracks:
             track.clear()
-        self._horizon, self._silence, self.stamp = -1, 0, -1
+        self._horizon, self._silence, self.stamp, self._leap = -1, 0, -1, None
         self._end(0)
 
     def advance(self) -> bool:
@@ -93,6 +98,9 @@ class Aligner:
             reached = self._reach(due)
             if reached is None:
                 self._end(self.stamp + 1)
+                if self._leap and due > self._leap[0]:
+                    self._end(self._leap[1])
+                    self._leap = None
                 continue
             if reached:
                 self._fill(due)
@@ -129,7 +137,12 @@ class Aligner:
     def _patient(self, track: Track, due: int) -> bool:
         """Say whether a signal that has not reached a grid time is worth waiting for."""
         wait = self._wait if track.held else self._wait + track.period
-        return due > self._horizon + self._silence - wait
+        return due > self._now(due) - wait
+
+    def _now(self, due: int) -> int:
+        """Say how far the stamps have come, not counting a pause after this grid time."""
+        pause = self._leap[1] - self._leap[0] if self._leap and due <= self._leap[0] else 0
+        return self._horizon + self._silence - pause
 
     def _reach(self, due: int) -> bool | None:
         """Step all signals up to a grid time.
@@ -139,7 +152,9 @@ class Aligner:
         """
         if due > self._horizon + max(self._silence - self._wait, 0):
             return False   # nobody is there yet
-        now = self._horizon + self._silence
+        if self._leap and self._leap[0] < due < self._leap[1]:
+            return None
+        now = self._now(due)
         ready = True
         for track in self.tracks:
             after = track.after

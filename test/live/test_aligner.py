@@ -113,6 +113,18 @@ def test_a_command_sent_once_holds() -> None:
     assert {row[1] for row in rows} == {7.0}
 
 
+def test_a_signal_that_lags_over_a_pause_still_brings_what_was_before_it() -> None:
+    """Topics overtake each other; here the command is a whole pause ahead of the others."""
+    stamps = [10**15 + k * STEP for k in (*range(60), *range(1060, 1120))]
+    samples = {name: [(stamp, name, math.sin(stamp / 1e9)) for stamp in stamps] for name in 'udy'}
+    whole = [sample for three in zip(*samples.values(), strict=True) for sample in three]
+    ahead = 90   # samples, 30 of them on the other side of the pause
+    events = samples['u'][:ahead]
+    for k in range(120):
+        events += [*samples['u'][ahead + k:ahead + k + 1], samples['d'][k], samples['y'][k]]
+    assert run(events) == run(whole) == offline(whole)
+
+
 def test_without_the_output_predictions_go_on() -> None:
     rows = run(merged(regular('u', range(300)), regular('d', range(300)),
                       regular('y', range(100))), wait=0.02)
