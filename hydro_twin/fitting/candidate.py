@@ -51,6 +51,19 @@ def parts_of(recording: Recording, plant: Plant) -> list[Part]:
 
 
 @dataclass(frozen=True)
+class Start:
+    """The state at which a run starts.
+
+    Attributes:
+        x: the state, (n,).
+        gain: how it follows the first outputs measured, (n, START).
+    """
+
+    x: FloatArray
+    gain: FloatArray
+
+
+@dataclass(frozen=True)
 class Candidate:
     """Values for everything a run needs.
 
@@ -72,8 +85,8 @@ class Candidate:
         return assemble(self.plant, self.values, self.effects, self.sample_time, self.substeps,
                         self.timing)
 
-    def start(self, part: Part) -> FloatArray:
-        """Find the state at the begin of a part that its first samples show; (n,).
+    def start(self, part: Part) -> Start:
+        """Find the state at the begin of a part that its first samples show.
 
         Least squares from rest, under the whole model. States that these samples do not tell
         stay near rest: a deviation costs as if the output were measured to one per cent.
@@ -83,18 +96,18 @@ class Candidate:
         inputs, measured = part.inputs[:n], part.measured[:n]
         x = system.start(inputs[0], measured[0])
         size = max(rms(measured - measured.mean()), 1e-3 * rms(part.measured), 1e-12)
-        miss = measured - system.run(inputs, x)
-        size = max(rms(measured - measured.mean()), 1e-3 * rms(part.measured), 1e-12)
         scale = size / self._response_size
         held = 0.01 * size * np.eye(len(x))
+        miss = measured - system.run(inputs, x)
+        gain = np.zeros((len(x), n))
 
         def approach(columns: FloatArray, times: int) -> None:
-            nonlocal x, miss
+            nonlocal x, miss, gain
             if not (np.isfinite(columns).all() and np.isfinite(miss).all()):
                 return
-            solve = np.linalg.pinv(np.vstack([columns, held]))[:, :n]
+            gain = scale[:, None] * np.linalg.pinv(np.vstack([columns, held]))[:, :n]
             for _ in range(times):
-                trial = x + scale * (solve @ miss)
+                trial = x + gain @ miss
                 left = measured - system.run(inputs, trial)
                 if not left @ left < miss @ miss:
                     break
@@ -107,7 +120,13 @@ class Candidate:
             approach(np.stack([system.run(inputs, x + 0.01 * s * unit) - here
                                for s, unit in zip(scale, np.eye(len(x)), strict=True)],
                               axis=1) / 0.01, 2)
-        return x
+        return Start(x, gain)
+
+    def start_near(self, part: Part, near: Start) -> Start:
+        """Find it by one step from the start of a candidate that hardly differs."""
+        n = near.gain.shape[1]
+        miss = part.measured[:n] - self.system.run(part.inputs[:n], near.x)
+        return Start(near.x + near.gain @ np.nan_to_num(miss), near.gain)
 
     @cached_property
     def _response(self) -> FloatArray:
@@ -130,13 +149,13 @@ class Candidate:
 
     def run(self, part: Part, seen: FloatArray | None = None) -> FloatArray:
         """Run freely over a part, from the state that its first samples show; (N,)."""
-        return self.system.run(part.inputs, self.start(part), seen)
+        return self.system.run(part.inputs, self.start(part).x, seen)
 
     def residual(self, part: Part) -> FloatArray:
         """Measured less free run over the scored samples of a part, (N - START,)."""
         return (part.measured - self.run(part))[START:]
 
-    def fitted_residual(self, part: Part) -> FloatArray:
+    def fitted_residual(self, part: Part, near: Start | None = None) -> FloatArray:
         """Find the residual that is left if the whole part tells the state at its start.
 
         The first samples tell it with some error, which lasts where the plant integrates, or
@@ -144,8 +163,13 @@ class Candidate:
         better state would, by the linear laws, weighing first and later samples by how well they
         are met: what the laws miss later on must not be blamed on the start. What is not fitted
         has only its first samples to go by.
+
+        Args:
+            part: what is run over.
+            near: the start of a candidate that hardly differs, to save the search for it.
         """
-        missed = part.measured - self.run(part)
+        start = self.start(part) if near is None else self.start_near(part, near)
+        missed = part.measured - self.system.run(part.inputs, start.x)
         first, later = missed[:START], missed[START:]
         if not np.isfinite(missed).all():
             return later

@@ -11,7 +11,7 @@ import numpy as np
 from scipy.optimize import least_squares
 
 from hydro_twin.effects import Placed
-from hydro_twin.fitting.candidate import Candidate, Part, START
+from hydro_twin.fitting.candidate import Candidate, Part, START, Start
 from hydro_twin.fitting.identifiability import assess, Identifiability
 from hydro_twin.plants import Plant
 from hydro_twin.plants.plant import FloatArray
@@ -235,10 +235,16 @@ class Problem:
         values = [u.value(float(c)) for u, c in zip(self.unknowns, coordinates, strict=True)]
         return put(self.base, self.unknowns, values)
 
-    def residual(self, coordinates: FloatArray) -> FloatArray:
-        """Residual of all parts, then the pull; a run that diverged counts as very far off."""
+    def residual(self, coordinates: FloatArray, near: Sequence[Start | None] = ()) -> FloatArray:
+        """Residual of all parts, then the pull; a run that diverged counts as very far off.
+
+        Args:
+            coordinates: of the unknowns.
+            near: for each part its start at coordinates that hardly differ, if known.
+        """
         candidate = self.candidate(coordinates)
-        pieces = [candidate.fitted_residual(part) for part in self.parts]
+        pieces = [candidate.fitted_residual(part, start) for part, start in
+                  zip(self.parts, near or [None] * len(self.parts), strict=True)]
         pieces.append(self.pull(coordinates))
         whole = np.concatenate(pieces)
         far = 1e3 * self.size
@@ -251,12 +257,14 @@ class Problem:
         step[coordinates + step > upper] *= -1.0
         moved = [coordinates + step[i] * np.eye(len(coordinates))[i]
                  for i in range(len(coordinates))]
-        here = self.residual(coordinates)
+        candidate = self.candidate(coordinates)
+        near = [candidate.start(part) for part in self.parts]
+        here = self.residual(coordinates, near)
         scored = sum(self.lengths)
         columns = np.empty((len(here), len(coordinates)))
         search = [i for i, u in enumerate(self.unknowns) if label(u) not in self.known]
-        for i, there in zip(search, in_parallel(self.residual, [moved[i] for i in search]),
-                            strict=True):
+        runs = in_parallel(lambda c: self.residual(c, near), [moved[i] for i in search])
+        for i, there in zip(search, runs, strict=True):
             columns[:, i] = (there - here) / step[i]
         pulled = self.pull(coordinates)
         for i, unknown in enumerate(self.unknowns):

@@ -214,7 +214,7 @@ def finely(fit: Fit, parts: Sequence[Part], finest: int) -> Fit:
     candidate = fit.candidate
     while candidate.substeps < finest:
         finer = replace(candidate, substeps=2 * candidate.substeps)
-        starts = [(part.inputs, candidate.start(part)) for part in parts]
+        starts = [(part.inputs, candidate.start(part).x) for part in parts]
         change = rms(np.concatenate([finer.system.run(*start) - candidate.system.run(*start)
                                      for start in starts]))
         if change < FINE * fit.error:

@@ -85,7 +85,7 @@ def harmless_factor(fit: Fit, parts: Sequence[Part], recorded: int) -> int:
         coarse = resampled(candidate, 2 * factor * candidate.sample_time)
         changes = []
         for part, thinned in zip(parts, thin(parts, candidate.plant, 2 * factor), strict=True):
-            x = candidate.start(part)
+            x = candidate.start(part).x
             there = coarse.system.run(thinned.inputs, x)
             changes.append(candidate.system.run(part.inputs, x)[::2 * factor][:len(there)] - there)
         if not rms(np.concatenate(changes)) < HARMLESS * fit.error:
