@@ -17,6 +17,7 @@ from hydro_twin.predictors.system import assemble, System
 from hydro_twin.recording.series import Recording
 
 START = 50              # samples at the begin of a part that set its state, and are not scored
+MOVES = 0.5             # of the mean square that rest misses: less is left by a start in motion
 
 
 @dataclass(frozen=True)
@@ -101,7 +102,7 @@ class Candidate:
         miss = measured - system.run(inputs, x)
         gain = np.zeros((len(x), n))
 
-        def approach(columns: FloatArray, times: int) -> None:
+        def approach(columns: FloatArray, times: int, worth: float = 1.0) -> None:
             nonlocal x, miss, gain
             if not (np.isfinite(columns).all() and np.isfinite(miss).all()):
                 return
@@ -109,13 +110,15 @@ class Candidate:
             for _ in range(times):
                 trial = x + gain @ miss
                 left = measured - system.run(inputs, trial)
-                if not left @ left < miss @ miss:
+                if not left @ left < worth * (miss @ miss):
                     break
                 x, miss = trial, left
 
-        # By the linear laws first: what sticks at rest has no derivative there.
-        approach(self._response[:n] * scale, 1)
-        if len(system.table):
+        if len(system.table) == 0:
+            approach(self._response[:n] * scale, 1)
+        else:
+            # What sticks at rest has no derivative there: first by the linear laws, if it moves.
+            approach(self._response[:n] * scale, 1, MOVES)
             here = measured - miss
             approach(np.stack([system.run(inputs, x + 0.01 * s * unit) - here
                                for s, unit in zip(scale, np.eye(len(x)), strict=True)],
@@ -131,9 +134,9 @@ class Candidate:
     @cached_property
     def _response(self) -> FloatArray:
         """How the first outputs move with the state at the start, linear laws, (START, n)."""
-        return self._free_response(START)
+        return self.free_response(START)
 
-    def _free_response(self, samples: int) -> FloatArray:
+    def free_response(self, samples: int) -> FloatArray:
         """How the output moves with the state at the start, linear laws, (samples, n)."""
         laws = self.system.laws
         response, step = laws.C[:1], expm(laws.A * self.sample_time)
@@ -173,7 +176,7 @@ class Candidate:
         first, later = missed[:START], missed[START:]
         if not np.isfinite(missed).all():
             return later
-        response = self._free_response(len(missed)) / self._response_size
+        response = self.free_response(len(missed)) / self._response_size
         weight = (rms(later) / max(rms(first), 1e-6 * rms(later), 1e-150)) ** 2
         normal = (response[START:].T @ response[START:] + 1e-4 * np.eye(response.shape[1])
                   + max(weight, 1.0) * response[:START].T @ response[:START])

@@ -11,6 +11,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy import signal
+from scipy.linalg import block_diag
 
 from hydro_twin.effects import Placed
 from hydro_twin.fitting.candidate import Part, START
@@ -45,8 +46,10 @@ def free_curves(fit: Fit, placed: Placed, seen: Sequence[Passing], name: str) ->
     """Fit a free curve of what is added at a port over a signal; two for a law with memory.
 
     Least squares on what the model leaves plus what the effect does, whitened by the memory of
-    the former; all else in the model stays as it is. Standard errors are by blocks, so that they
-    hold where something structured is left [White 1980].
+    the former; all else in the model stays as it is, but for the state at the start of each part,
+    of which the first samples tell little. Standard errors are by blocks, so that they hold where
+    something structured is left, each as if it were foretold by the others, since a knot may be
+    visited in a few only [Bell and McCaffrey 2002, the jackknife].
 
     Returns:
         One curve, or one for a rising and one for a falling signal.
@@ -61,7 +64,7 @@ def free_curves(fit: Fit, placed: Placed, seen: Sequence[Passing], name: str) ->
     def whitened(columns: FloatArray) -> FloatArray:
         return signal.lfilter(filter_, [1.0], columns, axis=0)[START:]
 
-    columns, target = [], []
+    columns, target, starts = [], [], []
     for p in seen:
         shape = hats(p.signals[name], knots)
         if branches(placed):
@@ -69,14 +72,21 @@ def free_curves(fit: Fit, placed: Placed, seen: Sequence[Passing], name: str) ->
             shape = np.hstack([shape * rises, shape * ~rises])
         columns.append(whitened(signal.lfilter(b, a, shape, axis=0)))
         target.append(whitened(p.left + signal.lfilter(b, a, p.added)))
-    X, t = np.concatenate(columns), np.concatenate(target)
+        starts.append(whitened(fit.candidate.free_response(len(p.left))))
+    t = np.concatenate(target)
+    X = np.hstack([np.concatenate(columns), block_diag(*starts)])
     size = np.maximum(np.linalg.norm(X, axis=0), 1e-300)
     covariance = np.linalg.pinv((X / size).T @ (X / size), rcond=1e-10, hermitian=True)
     found = covariance @ ((X / size).T @ t)
-    pulls = X / size * (t - X / size @ found)[:, None]
-    blocks = np.add.reduceat(pulls, np.arange(0, len(pulls), BLOCK))
-    spread = covariance @ (blocks.T @ blocks) @ covariance
-    curve, error = found / size, np.sqrt(np.diag(spread)) / size
+    missed, pulls = t - X / size @ found, []
+    for begin in range(0, len(t), BLOCK):
+        block = X[begin:begin + BLOCK] / size
+        others = np.eye(len(block)) - block @ covariance @ block.T
+        pulls.append(block.T @ np.linalg.pinv(others, rcond=1e-6, hermitian=True)
+                     @ missed[begin:begin + BLOCK])
+    spread = covariance @ (np.transpose(pulls) @ np.array(pulls)) @ covariance
+    count = columns[0].shape[1]
+    curve, error = (found / size)[:count], (np.sqrt(np.diag(spread)) / size)[:count]
     if not branches(placed):
         return [FreeCurve('free curve', knots, curve, error)]
     half = len(knots)
