@@ -17,6 +17,7 @@ from hydro_twin.residual.select import (
     Contender,
     criterion,
     gain_p_value,
+    likelihood_gain,
     search,
     stretches,
 )
@@ -25,13 +26,14 @@ from hydro_twin.residual.structure import foretold
 MOST = 3                # effects in a model
 LEVEL = 1e-3            # of a test, corrected for all that was tried
 WORTH = 0.01            # least share of the mean square error that the first effect takes off
-MORE = 0.04             # and each after it
+MORE = 0.06             # and each after it
 FINE = 0.2              # largest error of the time stepping, as a share of the residual
 FINE_ENOUGH, FINEST = 8, 16     # steps in a sample, while a model grows and in the end
 ROUNDS = 8              # of adding an effect
 LATER, AGAIN = 8, 4     # effects fitted in full after the first round, and for an exchange
 ENOUGH = 0.5            # least share above the noise that each takes off, where something is left
 TOLD = 0.05             # p-value from which what is left follows what happens at the ports
+FORETOLD = 20.0         # twice the gain in log-likelihood of data not fitted that is no chance
 NOISY = 2.0             # error over the noise's, from which more than noise is left
 TRIED = 40              # starts tried in a round, for the correction
 
@@ -133,6 +135,9 @@ def share(before: Fit, after: Fit) -> float:
 def _proven(chain: Chain, alone: Fit, ground: Ground) -> Chain:
     """Drop the effects that do not help on data that was not fitted, the least helpful first.
 
+    An effect helps if the interval of the improvement is above zero; or, where it acts too seldom
+    for an interval, if the data are far more likely with it, though nothing was fitted to them.
+
     Args:
         chain: a model that has grown.
         alone: the fit without any of its effects.
@@ -144,11 +149,15 @@ def _proven(chain: Chain, alone: Fit, ground: Ground) -> Chain:
     if len(bare) == 1:
         bare = [min(bare[0], alone, key=lambda fit: fit.cost)]
     after = [chain.fit.candidate.residual(part) for part in ground.unseen]
-    helps = [improvement([fit.candidate.residual(part) for part in ground.unseen], after,
-                         ground.seed).low for fit in bare]
-    least = int(np.argmin(helps))
-    if helps[least] > 0.0:
+    fails = {}
+    for k, fit in enumerate(bare):
+        before = [fit.candidate.residual(part) for part in ground.unseen]
+        helps = improvement(before, after, ground.seed).low
+        if helps <= 0.0 and likelihood_gain(before, after) < FORETOLD:
+            fails[k] = helps
+    if not fails:
         return chain
+    least = min(fails, key=lambda k: fails[k])
     return _proven(Chain(bare[least], _others(chain, least)), alone, ground)
 
 

@@ -92,12 +92,17 @@ def criterion(fits: Sequence[Fit]) -> list[float]:
 
 def gain_p_value(before: Fit, after: Fit, tried: int) -> float:
     """Likelihood-ratio test of what the last effect adds, times the number of effects tried."""
-    filter_ = autoregression(stretches(after))
-    a, b = (whiten(stretches(fit), filter_) for fit in (before, after))
-    ratio = len(a) * math.log(float(a @ a) / max(float(b @ b), 1e-300))
+    ratio = likelihood_gain(stretches(before), stretches(after))
     added = max(1, len(after.unknowns) - len(before.unknowns))
     log_p = float(stats.chi2.logsf(max(ratio, 0.0), added)) + math.log(tried)
     return min(1.0, math.exp(max(log_p, -700.0)))
+
+
+def likelihood_gain(before: Sequence[FloatArray], after: Sequence[FloatArray]) -> float:
+    """Twice the gain of the log-likelihood, residuals whitened by the memory of the latter."""
+    filter_ = autoregression(after)
+    a, b = (whiten(pieces, filter_) for pieces in (before, after))
+    return len(a) * math.log(max(float(a @ a), 1e-300) / max(float(b @ b), 1e-300))
 
 
 def contend(base: Fit, parts: Sequence[Part], most: int, afresh: bool,
