@@ -60,13 +60,16 @@ def search(candidate: Candidate, parts: Sequence[Part], evaluations: int,
            tangent: Fit | None = None) -> Fit:
     """Fit all physical parameters, timing and effects of a candidate from where it stands.
 
-    See `Problem` for the tangent.
+    But effects that a free curve was added to stay as they are, since it can imitate them. See
+    `Problem` for the tangent.
     """
     plant = candidate.plant
     delayed = any(placed.effect.shifts for placed in candidate.effects)
     unknowns = plant_unknowns(plant, 'physical')
     unknowns += [] if delayed else timing_unknowns(plant, candidate.sample_time)
-    for index, placed in enumerate(candidate.effects):
+    held = max((k for k, placed in enumerate(candidate.effects) if not placed.effect.named),
+               default=0)
+    for index, placed in enumerate(candidate.effects[held:], held):
         unknowns += effect_unknowns(index, placed)
     return Problem(candidate, unknowns, parts, tangent).solve(evaluations, 1e-5)
 

@@ -138,7 +138,7 @@ def trace(train: Recording, test: Recording, plant: Plant,
     if factor > 1:
         progress('all samples')
         base, after = (_as_recorded(fit, sample_time, fine) for fit in (base, after))
-        found = found and replace(found, fit=_as_recorded(found.fit, sample_time, fine))
+        found = found and _on_all(found, after, sample_time, fine, unseen, seed)
         depends_on = dependences(after, fine)
     if model is None:
         before = base
@@ -156,6 +156,15 @@ def trace(train: Recording, test: Recording, plant: Plant,
         lines=tuple(lines(pieces, sample_time)),
         depends_on=tuple(depends_on), drifts=drift(after), foretold=foretold(after, fine),
         found=found)
+
+
+def _on_all(found: Found, after: Fit, sample_time: float, parts: Sequence[Part],
+            unseen: Sequence[Part], seed: int) -> Found | None:
+    """Fit a curve to all samples; None if it does not help there, where nothing was fitted."""
+    fit = _as_recorded(found.fit, sample_time, parts)
+    proof = improvement([after.candidate.residual(p) for p in unseen],
+                        [fit.candidate.residual(p) for p in unseen], seed)
+    return replace(found, fit=fit, proof=proof) if proof.low > 0.0 else None
 
 
 def _as_recorded(fit: Fit, sample_time: float, parts: Sequence[Part]) -> Fit:
