@@ -83,6 +83,20 @@ def test_positioning(shell: Shell, tmp_path: Path) -> None:
     assert published['free_run']['rmse'] < 0.1 * found['free_run']['rmse']
 
 
+def test_what_the_axis_lacks(shell: Shell, tmp_path: Path) -> None:
+    train, test = emps(shell, tmp_path)
+    found = shell('trace', train, '--test', test, '--plant', 'positioning', '-o', tmp_path / 'out')
+    effects = {effect['id']: effect['parameters'] for effect in found['effects']}
+    assert set(effects) == {'friction', 'bias'}
+    for name, parameter, published in (('friction', 'coulomb', 20.39), ('bias', 'offset', 3.2)):
+        value, error = (effects[name][parameter][key] for key in ('value', 'std_error'))
+        assert value == pytest.approx(published, rel=0.15)
+        assert f'{value:.2f} +- {error:.2f} N' in (DOCS / 'measured.md').read_text()
+    before, after = (found[when]['free_run']['test'] for when in ('before', 'after'))
+    assert f'falls from {millimetres(before, 1)} to {millimetres(after, 2)} mm' in \
+        (DOCS / 'measured.md').read_text()
+
+
 def test_cylinder(shell: Shell, tmp_path: Path) -> None:
     bags = []
     for table in sorted((DATA / 'eha').glob('*.csv.gz')):
@@ -109,13 +123,12 @@ def test_water_valve(shell: Shell, tmp_path: Path) -> None:
     shell('import', DATA / 'water_valve' / 'actuator3_2001-10-11_1h.csv.gz', '-o',
           tmp_path / 'valve', '--map', ROOT / 'config' / 'measured' / 'water_valve.yaml')
     found = shell('trace', tmp_path / 'valve', '--plant', 'control_valve', '-o', tmp_path / 'out')
-    first, *others = found['effects']
-    assert (first['id'], first['port']) == ('rate_limit', 'actuator')
-    limits = first['parameters']
+    only, = found['effects']     # in particular no backlash, which gains nothing by hand either
+    assert (only['id'], only['port']) == ('rate_limit', 'actuator')
+    limits = only['parameters']
     closing = limits['limit']['value'] * (1.0 - limits['imbalance']['value'])
     assert f'{100.0 * closing:.1f} % of its stroke a second' in (DOCS / 'measured.md').read_text()
-    assert 'delay' not in [effect['id'] for effect in others]
-    assert not any(effect['certain'] for effect in found['effects'])
+    assert not only['certain']
     documented('repeating the last sample', f'{100.0 * found["persistence"]["test"]:.2f}')
     documented('linear: a lag', f'{100.0 * found["before"]["free_run"]["test"]:.2f}')
     documented('traced', f'{100.0 * found["after"]["free_run"]["test"]:.2f}')
