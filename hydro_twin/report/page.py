@@ -42,7 +42,7 @@ def page(trace: Trace, verdict: Verdict, summary: Mapping[str, Any],
         parameters=parameter_rows(trace.before, trace.final, summary['parameters']),
         provenance=provenance, illustrations=illustrations, series_parts=series_parts,
         found_figure=next((i.name for i in illustrations if i.name.startswith('found_')), ''),
-        parts=f'{len(trace.train)} parts fitted, {len(trace.test)} held out to test',
+        parts=f'parts fitted: {len(trace.train)}, held out to test: {len(trace.test)}',
         colours={'before': BEFORE, 'after': AFTER}, close=CLOSE, far=FAR,
         data={item.name: plain(item) for item in illustrations})
 
