@@ -41,7 +41,7 @@ def excerpt(parts: Sequence[Part], factor: int = 1) -> list[Part]:
         count = max(1, min(round(enough / scored * n / total), n // STRETCH))
         length = min(STRETCH, n)
         for k in range(count):
-            begin = (n - length) * (2 * k + 1) // (2 * count)
+            begin = n * (2 * k + 1) // (2 * count) - length // 2
             cut.append(Part(part.inputs[begin:begin + length],
                             part.measured[begin:begin + length], part.source))
     return cut[::max(1, len(cut) * scored // (2 * enough))]

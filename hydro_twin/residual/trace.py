@@ -13,6 +13,7 @@ from hydro_twin.plants import Plant
 from hydro_twin.predictors.scores import rms
 from hydro_twin.recording.series import Recording
 from hydro_twin.residual.chain import (
+    Chain,
     Finding,
     finely,
     FINEST,
@@ -124,22 +125,17 @@ def trace(train: Recording, test: Recording, plant: Plant,
     if chain.findings:
         better = search(finely(chain.fit, parts, FINEST).candidate, parts, 60)
         chain = supported(replace(chain, fit=better), base, ground)
-    findings = chain.findings
-    after = chain.fit if findings else base
+    if not chain.findings:
+        chain = Chain(base)
     progress('free curve')
-    depends_on, found = dependences(after, parts), None
-    if findings and (depends_on or foretold(after, parts)[1] < LIKELY):
-        at_first = dependences(base, parts)
-        alone = find_curve(base, parts, others, at_first, seed)
-        if alone and is_better(alone, after, at_first):     # a law that has no name, but one place
-            after, findings, depends_on, found = base, (), at_first, alone
-    if found is None:
-        found = find_curve(after, parts, others, depends_on, seed)
+    chain, found = _with_curve(chain, base, ground)
+    after = chain.fit
     if factor > 1:
         progress('all samples')
-        base, after = (_as_recorded(fit, sample_time, fine) for fit in (base, after))
+        named = after is not base
+        base = _as_recorded(base, sample_time, fine)
+        after = _as_recorded(after, sample_time, fine) if named else base
         found = found and _on_all(found, after, sample_time, fine, unseen, seed)
-        depends_on = dependences(after, fine)
     if model is None:
         before = base
     elif factor > 1:
@@ -148,14 +144,37 @@ def trace(train: Recording, test: Recording, plant: Plant,
     final = after if found is None else found.fit
     return Trace(
         plant=plant, before=before, after=after, train=whole, test=unseen, fitted=fine,
-        hidden=tuple(hidden(after, fine)), findings=findings,
+        hidden=tuple(hidden(after, fine)), findings=chain.findings,
         proof=improvement([before.candidate.residual(p) for p in unseen],
                           [final.candidate.residual(p) for p in unseen], seed),
         unseen=rms(np.concatenate([after.candidate.fitted_residual(p) for p in elsewhere])),
         floor=noise_floor(pieces), white=is_white(pieces),
         lines=tuple(lines(pieces, sample_time)),
-        depends_on=tuple(depends_on), drifts=drift(after), foretold=foretold(after, fine),
-        found=found)
+        depends_on=tuple(dependences(after, fine)), drifts=drift(after),
+        foretold=foretold(after, fine), found=found)
+
+
+def _with_curve(chain: Chain, base: Fit, ground: Ground) -> tuple[Chain, Found | None]:
+    """Look for a free curve on top of what was named, or instead of it.
+
+    A law that has no name, but one place, is often imitated by several that have one.
+
+    Args:
+        chain: the model with what was named.
+        base: the fit without any of it.
+        ground: the data.
+
+    Returns:
+        The chain, or one without its effects, and the curve on top of it, if one helps.
+    """
+    parts, unseen, seed = ground.parts, ground.unseen, ground.seed
+    depends_on = dependences(chain.fit, parts)
+    if chain.findings and (depends_on or foretold(chain.fit, parts)[1] < LIKELY):
+        at_first = dependences(base, parts)
+        alone = find_curve(base, parts, unseen, at_first, seed)
+        if alone and is_better(alone, chain.fit, at_first):
+            return Chain(base), alone
+    return chain, find_curve(chain.fit, parts, unseen, depends_on, seed)
 
 
 def _on_all(found: Found, after: Fit, sample_time: float, parts: Sequence[Part],

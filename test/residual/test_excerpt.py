@@ -1,9 +1,21 @@
-"""Long recordings are cut to stretches, spread evenly, whatever the output."""
+"""Long recordings are cut to stretches, spread evenly, and thinned where that does no harm."""
 import numpy as np
 import pytest
 
-from hydro_twin.fitting.candidate import Part, START
-from hydro_twin.residual.excerpt import ENOUGH, excerpt
+from hydro_twin.fitting.candidate import Candidate, Part, parts_of, START
+from hydro_twin.fitting.free_run import fit_linear
+from hydro_twin.model import place
+from hydro_twin.plants import plant_named
+from hydro_twin.recording.series import Recording, Series
+from hydro_twin.residual.excerpt import (
+    COARSEST,
+    ENOUGH,
+    excerpt,
+    harmless_factor,
+    resampled,
+    STRETCH,
+    thin,
+)
 
 
 def part(n, source):
@@ -32,3 +44,61 @@ def test_enough_is_kept_from_begin_to_end(lengths):
         starts = [first for _, first in firsts]
         assert starts[0] < 0.1 * lengths[0]
         assert starts[-1] > 0.8 * lengths[0]
+
+
+@pytest.mark.parametrize('factor', [2, 8])
+def test_what_will_be_thinned_may_be_more_and_does_not_overlap(factor):
+    cut = excerpt([part(30_000, '0')], factor)
+    scored = sum(len(p.measured) // factor - START for p in cut)
+    assert 1.5 * ENOUGH / factor < scored <= 1.1 * ENOUGH
+    assert all(len(p.measured) == STRETCH for p in cut)
+    starts = np.array([p.measured[0] for p in cut])
+    assert (np.diff(starts) >= STRETCH).all()
+
+
+def test_thinned_commands_keep_their_mean_and_the_rest_its_values():
+    plant = plant_named('load_simulator')
+    inputs = np.random.default_rng(0).standard_normal((1001, 2))
+    thinned, = thin([Part(inputs, np.arange(1001.0))], plant, 4)
+    assert thinned.inputs[:, 0].mean() == pytest.approx(inputs[:1000, 0].mean())
+    assert thinned.inputs[3, 0] == pytest.approx(inputs[12:16, 0].mean())
+    np.testing.assert_array_equal(thinned.inputs[:, 1], inputs[:1000:4, 1])
+    np.testing.assert_array_equal(thinned.measured, np.arange(0.0, 1000.0, 4.0))
+
+
+def recorded(name, values, frequency, seconds, *effects):
+    """Run a plant under two sinusoids; with the linear fit to an excerpt."""
+    plant = plant_named(name)
+    time = plant.sample_time * np.arange(round(seconds / plant.sample_time))
+    inputs = np.zeros((len(time), len(plant.inputs)))
+    inputs[:, 0] = 100.0 * sum(np.sin(2 * np.pi * frequency * f * time) for f in (1.0, 2.7))
+    rig = Candidate(plant, {**plant.constant_values(), **values}, plant.sample_time,
+                    tuple(place(*effect, plant) for effect in effects))
+    output = rig.system.run(inputs, rig.system.start(inputs[0], 0.0))
+    columns = {s.name: u for s, u in zip(plant.inputs, inputs.T, strict=True)}
+    series = Series({**columns, plant.output.name: output}, plant.sample_time, 0)
+    parts = excerpt(parts_of(Recording([series]), plant))
+    return rig, parts, fit_linear(plant, parts, plant.constant_values(), plant.sample_time,
+                                  'physical', timing=True), len(time)
+
+
+def test_a_slow_plant_is_thinned_and_a_fast_one_is_not():
+    _, parts, fit, samples = recorded('positioning', {'M': 100.0, 'F_v': 200.0}, 0.3, 30.0,
+                                      ('friction', 'motor', {'coulomb': 20.0}))
+    assert harmless_factor(fit, parts, samples) > 1
+    assert harmless_factor(fit, parts, ENOUGH) == 1         # short enough as it is
+    _, parts, fit, samples = recorded('positioning', {'M': 2.0, 'F_v': 2000.0}, 60.0, 30.0,
+                                      ('friction', 'motor', {'coulomb': 20.0}))
+    assert harmless_factor(fit, parts, samples) == 1
+
+
+def test_a_thinned_run_is_the_run_thinned():
+    rig, parts, _, _ = recorded('positioning', {'M': 100.0, 'F_v': 200.0}, 0.3, 30.0,
+                                ('friction', 'motor', {'coulomb': 20.0}))
+    coarse = resampled(rig, COARSEST * rig.sample_time)
+    whole, few = parts[0], thin(parts[:1], rig.plant, COARSEST)[0]
+    start = rig.system.start(whole.inputs[0], 0.0)
+    run = coarse.system.run(few.inputs, start)
+    expected = rig.system.run(whole.inputs, start)[::COARSEST][:len(run)]
+    assert np.abs(run - expected).max() < 0.01 * np.ptp(expected)
+    assert resampled(coarse, rig.sample_time).sample_time == rig.sample_time

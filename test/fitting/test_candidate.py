@@ -1,0 +1,49 @@
+"""The state at which a run starts, against the state that made the data."""
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from hydro_twin.fitting.candidate import Candidate, Part
+from hydro_twin.model import place
+from hydro_twin.plants import plant_named
+
+
+def axis(*effects):
+    plant = plant_named('positioning')
+    return Candidate(plant, {'M': 100.0, 'F_v': 200.0}, plant.sample_time,
+                     tuple(place(*effect, plant) for effect in effects))
+
+
+def run_from(candidate, state, seconds=0.5):
+    time = candidate.sample_time * np.arange(round(seconds / candidate.sample_time))
+    inputs = 60.0 * np.cos(2 * np.pi * time)[:, None]
+    return Part(inputs, candidate.system.run(inputs, np.array(state)))
+
+
+@pytest.mark.parametrize('effects', [(), (('friction', 'motor', {'coulomb': 20.0}),)])
+@pytest.mark.parametrize('velocity', [0.1, -0.1])
+def test_a_part_that_begins_in_motion_starts_in_motion(effects, velocity):
+    """Also where friction would hold it at rest, so that no small push tells anything."""
+    candidate = axis(*effects)
+    part = run_from(candidate, [velocity, 0.2])
+    start = candidate.start(part)
+    assert start.x == pytest.approx([velocity, 0.2], rel=0.02)
+    assert candidate.residual(part) == pytest.approx(0.0, abs=0.01 * np.ptp(part.measured))
+
+
+def test_what_sticks_starts_at_rest_whatever_the_noise():
+    candidate = axis(('friction', 'motor', {'coulomb': 80.0}))
+    part = run_from(candidate, [0.0, 0.2])
+    assert np.ptp(part.measured) == 0.0
+    noisy = Part(part.inputs, part.measured + 1e-4 * np.random.default_rng(0).standard_normal(
+        len(part.measured)))
+    assert candidate.start(noisy).x == pytest.approx([0.0, 0.2], abs=2e-4)
+
+
+def test_near_by_the_start_follows_in_one_step():
+    candidate = axis(('friction', 'motor', {'coulomb': 20.0}))
+    part = run_from(candidate, [0.1, 0.2])
+    moved = axis(('friction', 'motor', {'coulomb': 20.1}))
+    near = moved.start_near(part, candidate.start(part))
+    assert near.x == pytest.approx(moved.start(part).x, rel=1e-3)

@@ -1,0 +1,57 @@
+"""What explains only a part of what is missing is not named; what explains it, is kept."""
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from traced_rig import fitted, PLANT, record
+
+from hydro_twin.model import place
+from hydro_twin.residual.chain import Chain, explained_share, Finding, Ground, supported
+from hydro_twin.residual.select import likelihood_gain, search, stretches
+
+FRICTION = ('friction', 'motor', {'coulomb': 10.0})
+BIAS = ('bias', 'motor', {'offset': 2.0})
+
+
+def grown(recording, *effects):
+    """Fit the effects to a recording; the chain, the fit without them, the ground."""
+    alone, parts, unseen = fitted(recording)
+    placed = tuple(place(*effect, PLANT) for effect in effects)
+    fit = search(replace(alone.candidate, effects=placed), parts, 40)
+    findings = tuple(Finding(k, 0.0, 0.5, ()) for k in range(len(effects)))
+    return Chain(fit, findings), alone, Ground(parts, unseen, 0, lambda _: None)
+
+
+def names(chain):
+    return [placed.effect.id for placed in chain.fit.candidate.effects]
+
+
+@pytest.fixture(scope='module')
+def both():
+    return record(FRICTION, BIAS)
+
+
+def test_two_that_explain_everything_are_kept(both):
+    chain, alone, ground = grown(both, FRICTION, BIAS)
+    assert explained_share(alone, chain.fit) == pytest.approx(1.0, abs=0.02)
+    assert names(supported(chain, alone, ground)) == ['friction', 'bias']
+
+
+def test_one_beside_a_larger_one_that_is_lacking_is_dropped(both):
+    chain, alone, ground = grown(both, BIAS)
+    assert explained_share(alone, chain.fit) < 0.5
+    assert names(supported(chain, alone, ground)) == []
+
+
+def test_data_that_were_not_fitted_are_likelier_with_what_is_there(both):
+    chain, alone, ground = grown(both, FRICTION, BIAS)
+    before, after = ([fit.candidate.residual(part) for part in ground.unseen]
+                     for fit in (alone, chain.fit))
+    n = sum(map(len, after)) - 6 * len(after)
+    ratio = np.mean(np.square(np.concatenate(before))) / np.mean(np.square(np.concatenate(after)))
+    # The noise is white, so that whitening by its memory changes little.
+    assert likelihood_gain(before, after) == pytest.approx(n * np.log(ratio), rel=0.05)
+    assert likelihood_gain(after, after) == 0.0
+    assert likelihood_gain(stretches(chain.fit), stretches(alone)) < 0.0
