@@ -9,7 +9,8 @@ from traced_rig import PLANT, record
 import yaml
 
 from hydro_twin.commands.main import main
-from hydro_twin.model import read_model
+from hydro_twin.model import place, read_model
+from hydro_twin.plants import plant_named
 from hydro_twin.recording.read import read_recording
 from hydro_twin.recording.series import Recording, split_thirds
 from hydro_twin.recording.signals import load_signals
@@ -17,6 +18,7 @@ from hydro_twin.recording.write import write_recording
 from hydro_twin.report.summary import summarise
 from hydro_twin.residual.trace import trace
 from hydro_twin.residual.verdict import judge
+from hydro_twin.simulation.simulate import simulate
 
 FRICTION = ('friction', 'motor', {'coulomb': 6.0})
 SHORT = {'count': 2, 'duration': 2.4}
@@ -91,6 +93,29 @@ def test_two_effects_are_both_named():
     assert values['friction']['coulomb']['value'] == pytest.approx(6.0, rel=0.05)
     assert values['hysteresis']['width']['value'] == pytest.approx(0.03, rel=0.05)
     assert report['after']['free_run']['test'] == pytest.approx(0.5, rel=0.1)
+
+
+@pytest.mark.slow
+def test_a_long_recording_of_an_axis_that_integrates():
+    """Stretches, thinned, find the effects; the values come from all samples."""
+    plant = plant_named('positioning')
+    placed = [place('friction', 'motor', {'coulomb': 20.0}, plant),
+              place('bias', 'motor', {'offset': 3.0}, plant)]
+
+    def force(t):
+        return -np.expm1(-(t / 0.1)**2) * sum(
+            size * np.sin(2 * np.pi * f * t + f) for size, f in ((70, 0.31), (50, 0.83), (30, 2.1)))
+
+    one = simulate(plant, {'M': 95.0, 'F_v': 200.0}, placed, {'force': force}, 18.0)
+    x = one['x'] + 1e-5 * np.random.default_rng(0).standard_normal(len(one))
+    recording = Recording((replace(one, columns={**one.columns, 'x': x}),))
+    found = trace(*split_thirds(recording), plant)
+    named = {placed.effect.id: placed.named for placed in found.after.candidate.effects}
+    assert set(named) == {'friction', 'bias'}
+    assert named['friction']['coulomb'] == pytest.approx(20.0, rel=0.01)
+    assert named['bias']['offset'] == pytest.approx(3.0, rel=0.01)
+    assert found.unseen < 1.1e-5
+    assert [len(part.measured) for part in found.fitted] == [12_000]
 
 
 @pytest.mark.slow
