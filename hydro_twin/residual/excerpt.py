@@ -20,12 +20,16 @@ from hydro_twin.predictors.scores import rms
 
 ENOUGH = 8_000          # scored samples
 STRETCH = 1_500         # samples of a stretch, with those that only set the state
+FILLED = 0.8            # most that stretches cover, so that they need not keep step with a motion
 COARSEST = 8            # factor that leaves enough of a stretch to be scored
 HARMLESS = 0.01         # change of the output by thinning, as a share of the residual
 
 
 def excerpt(parts: Sequence[Part], factor: int = 1) -> list[Part]:
-    """Cut stretches evenly out of parts that hold more samples than it takes.
+    """Cut stretches out of parts that hold more samples than it takes.
+
+    They are spread evenly, each at a place by chance in its share of the part: a motion that
+    repeats must not begin at the same point in all of them.
 
     Args:
         parts: what was recorded.
@@ -35,13 +39,14 @@ def excerpt(parts: Sequence[Part], factor: int = 1) -> list[Part]:
         return list(parts)
     enough, scored = factor * ENOUGH, STRETCH - factor * START
     total = sum(len(part.measured) for part in parts)
+    rng = np.random.default_rng(0)
     cut = []
     for part in parts:
         n = len(part.measured)
-        count = max(1, min(round(enough / scored * n / total), n // STRETCH))
+        count = max(1, min(round(enough / scored * n / total), int(FILLED * n / STRETCH)))
         length = min(STRETCH, n)
         for k in range(count):
-            begin = n * (2 * k + 1) // (2 * count) - length // 2
+            begin = int(n * k / count + rng.uniform() * (n / count - length))
             cut.append(Part(part.inputs[begin:begin + length],
                             part.measured[begin:begin + length], part.source))
     return cut[::max(1, len(cut) * scored // (2 * enough))]

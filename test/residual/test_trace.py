@@ -104,7 +104,8 @@ def test_a_long_recording_of_an_axis_that_integrates():
 
     def force(t):
         return -np.expm1(-(t / 0.1)**2) * sum(
-            size * np.sin(2 * np.pi * f * t + f) for size, f in ((70, 0.31), (50, 0.83), (30, 2.1)))
+            size * np.sin(2 * np.pi * f * t + f)
+            for size, f in ((70, 0.31), (50, 0.83), (30, 2.1)))
 
     one = simulate(plant, {'M': 95.0, 'F_v': 200.0}, placed, {'force': force}, 18.0)
     x = one['x'] + 1e-5 * np.random.default_rng(0).standard_normal(len(one))
