@@ -72,7 +72,7 @@ def test_positioning(shell: Shell, tmp_path: Path) -> None:
         assert found['one_step']['rmse'] == pytest.approx(fit['test']['one_step'], rel=1e-3)
         assert fit['at_bound'] == []
         documented(f'fitted to {"one step" if criterion == "one_step" else "the free run"}', says,
-                   f'{fit["parameters"]["F_v"]["value"]:.1f}',
+                   f'{fit["parameters"]["F_v"]["value"]:.0f}',
                    millimetres(found['one_step']['rmse'], 6),
                    millimetres(found['free_run']['rmse'], 1))
     published = shell('replay', test, '--model', DOCS / 'measured' / 'positioning_published.yaml')
