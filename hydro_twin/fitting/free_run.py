@@ -1,25 +1,23 @@
 """Fit of a plant with effects to recordings, by the error of its free run."""
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
-from concurrent.futures import ThreadPoolExecutor
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 import math
-import os
 
 import numpy as np
-from scipy.optimize import least_squares
+from scipy.optimize import least_squares, OptimizeResult
 
 from hydro_twin.effects import Placed
 from hydro_twin.fitting.candidate import Candidate, Part, START, Start
 from hydro_twin.fitting.identifiability import assess, Identifiability
+from hydro_twin.fitting.parallel import in_processes, in_threads
 from hydro_twin.plants import Plant
 from hydro_twin.plants.plant import FloatArray
 from hydro_twin.predictors.scores import rms
 
 WALL = 3e-3             # weight of the search box, see `Problem`
 MIDDLE = 1e-4           # weight of its middle
-THREADS = os.cpu_count() or 1
 
 
 @dataclass(frozen=True)
@@ -263,7 +261,7 @@ class Problem:
         scored = sum(self.lengths)
         columns = np.empty((len(here), len(coordinates)))
         search = [i for i, u in enumerate(self.unknowns) if label(u) not in self.known]
-        runs = in_parallel(lambda c: self.residual(c, near), [moved[i] for i in search])
+        runs = in_threads(lambda c: self.residual(c, near), [moved[i] for i in search])
         for i, there in zip(search, runs, strict=True):
             columns[:, i] = (there - here) / step[i]
         pulled = self.pull(coordinates)
@@ -284,13 +282,20 @@ class Problem:
 
     def solve(self, evaluations: int = 40, tolerance: float = 1e-6) -> Fit:
         """Search from the base, within the bounds."""
+        return self.fit(self.search(evaluations, tolerance))
+
+    def search(self, evaluations: int, tolerance: float) -> OptimizeResult:
+        """Search, and return what scipy says of it."""
         lower, upper = self.bounds()
         start = np.array([u.coordinate(get(self.base, u)) for u in self.unknowns])
         inside = 1e-9 * np.maximum(1.0, np.abs(start))
         start = np.clip(start, lower + inside, upper - inside)
-        found = least_squares(self.residual, start, jac=self.jacobian, bounds=(lower, upper),
-                              method='trf', x_scale=1.0, max_nfev=evaluations, ftol=tolerance,
-                              xtol=1e-8, gtol=1e-12)
+        return least_squares(self.residual, start, jac=self.jacobian, bounds=(lower, upper),
+                             method='trf', x_scale=1.0, max_nfev=evaluations, ftol=tolerance,
+                             xtol=1e-8, gtol=1e-12)
+
+    def fit(self, found: OptimizeResult) -> Fit:
+        """Take what a search has found."""
         scored = sum(self.lengths)
         pulled = found.fun[scored:]
         jacobian = np.asarray(found.jac, dtype=np.float64)
@@ -298,11 +303,12 @@ class Problem:
                    -jacobian[:scored], self.lengths, float(pulled @ pulled))
 
 
-def in_parallel[T](function: Callable[[T], FloatArray], arguments: Sequence[T]
-                   ) -> list[FloatArray]:
-    """Call a function for each argument, on threads: the kernel does not hold Python's lock."""
-    with ThreadPoolExecutor(THREADS) as pool:
-        return list(pool.map(function, arguments))
+def solve_all(problems: Sequence[Problem], evaluations: int = 40, tolerance: float = 1e-6
+              ) -> Iterator[Fit]:
+    """Search each of several problems, on all cores, and yield the fits in their order."""
+    searches = in_processes(lambda problem: problem.search(evaluations, tolerance), problems)
+    for problem, found in zip(problems, searches, strict=True):
+        yield problem.fit(found)
 
 
 def fit_linear(plant: Plant, parts: Sequence[Part], constants: Mapping[str, float],
@@ -340,5 +346,5 @@ def fit_linear(plant: Plant, parts: Sequence[Part], constants: Mapping[str, floa
         return rms(np.nan_to_num(np.concatenate([candidate.residual(p) for p in some]), nan=1e30))
 
     tried = [draws[0], *sorted(draws[1:], key=far)[:starts - 1]]
-    fits = [Problem(candidate, unknowns, parts).solve() for candidate in tried]
+    fits = solve_all([Problem(candidate, unknowns, parts) for candidate in tried])
     return min(fits, key=lambda fit: fit.cost)

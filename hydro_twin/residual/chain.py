@@ -6,7 +6,7 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from hydro_twin.fitting.candidate import Part
+from hydro_twin.fitting.candidate import Candidate, Part
 from hydro_twin.fitting.free_run import Fit
 from hydro_twin.predictors.scores import rms
 from hydro_twin.residual.noise import noise_floor
@@ -19,6 +19,7 @@ from hydro_twin.residual.select import (
     gain_p_value,
     likelihood_gain,
     search,
+    search_all,
     stretches,
 )
 from hydro_twin.residual.structure import foretold
@@ -145,7 +146,7 @@ def _proven(chain: Chain, alone: Fit, ground: Ground) -> Chain:
     """
     if not chain.findings:
         return chain
-    bare = [_without(chain, found, ground) for found in chain.findings]
+    bare = _without_each(chain, ground)
     if len(bare) == 1:
         bare = [min(bare[0], alone, key=lambda fit: fit.cost)]
     after = [chain.fit.candidate.residual(part) for part in ground.unseen]
@@ -176,7 +177,7 @@ def supported(chain: Chain, alone: Fit, ground: Ground) -> Chain:
     left = several and chain.fit.error > NOISY * noise_floor(stretches(chain.fit))
     if not chain.findings or not (left or foretold(chain.fit, ground.parts)[1] < TOLD):
         return chain
-    bare = [_without(chain, found, ground) if several else alone for found in chain.findings]
+    bare = _without_each(chain, ground) if several else [alone]
     shares = [explained_share(fit, chain.fit) for fit in bare]
     least = int(np.argmin(shares))
     if shares[least] >= ENOUGH:
@@ -190,11 +191,17 @@ def explained_share(before: Fit, after: Fit) -> float:
     return (before.error**2 - after.error**2) / max(before.error**2 - floor**2, 1e-300)
 
 
-def _without(chain: Chain, found: Finding, ground: Ground) -> Fit:
-    """Take an effect out, and fit the rest again."""
+def _without_each(chain: Chain, ground: Ground) -> list[Fit]:
+    """Take each effect out by itself, and fit the rest again."""
+    bare = [_bare(chain, found) for found in chain.findings]
+    return list(search_all(bare, ground.parts, 40))
+
+
+def _bare(chain: Chain, found: Finding) -> Candidate:
+    """Take an effect out."""
     effects = list(chain.fit.candidate.effects)
     del effects[found.index]
-    return search(replace(chain.fit.candidate, effects=tuple(effects)), ground.parts, 40)
+    return replace(chain.fit.candidate, effects=tuple(effects))
 
 
 def _others(chain: Chain, k: int) -> tuple[Finding, ...]:
@@ -240,7 +247,8 @@ def _exchange(chain: Chain, ground: Ground) -> Chain:
     """
     for k, found in enumerate(chain.findings[:-1]):
         placed = chain.fit.candidate.effects[found.index]
-        without, rest = _without(chain, found, ground), _others(chain, k)
+        without = search(_bare(chain, found), ground.parts, 40)
+        rest = _others(chain, k)
         with_it, bare = criterion([chain.fit, without])
         if bare < with_it + CLEARLY or share(without, chain.fit) < WORTH:
             return _exchange(Chain(without, rest), ground)

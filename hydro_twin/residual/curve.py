@@ -12,7 +12,7 @@ from hydro_twin.fitting.candidate import Candidate, Part
 from hydro_twin.fitting.free_run import Fit
 from hydro_twin.residual.passing import passing
 from hydro_twin.residual.proof import Improvement, improvement
-from hydro_twin.residual.select import CLEARLY, criterion, far, gain_p_value, search
+from hydro_twin.residual.select import CLEARLY, criterion, far, gain_p_value, search_all
 from hydro_twin.residual.structure import Dependence
 
 MOST, KEPT = 6, 3       # dependences that are fitted, and of these searched to the end
@@ -61,9 +61,11 @@ def find_curve(fit: Fit, parts: Sequence[Part], unseen: Sequence[Part],
     places = distinct(depends_on)[:MOST]
     if not places:
         return None
-    tried = [search(_begin(fit.candidate, place, parts), parts, SHORT, fit) for place in places]
-    tried.sort(key=lambda one: one.cost)
-    fits = [_to_the_end(one, parts) for one in tried[:KEPT]]
+    begun = [_begin(fit.candidate, place, parts) for place in places]
+    tried = sorted(search_all(begun, parts, SHORT, fit), key=lambda one: one.cost)
+    fits = tried[:KEPT]
+    for _ in range(2):      # each time with knots over what the signal reaches by now
+        fits = list(search_all([_spread(one.candidate, parts) for one in fits], parts, LONG))
     scores = criterion(fits)
     first, *rest = sorted(range(len(fits)), key=lambda k: scores[k])
     p_value = gain_p_value(fit, fits[first], len(depends_on))
@@ -116,13 +118,6 @@ def _begin(candidate: Candidate, dependence: Dependence, parts: Sequence[Part]) 
         dependence.port, dependence.signal, float(low), float(high),
         strength * dependence.curve))) for strength in STRENGTHS]
     return min(tried, key=lambda c: far(c, parts))
-
-
-def _to_the_end(fit: Fit, parts: Sequence[Part]) -> Fit:
-    """Search on, twice, each time with knots over what the signal reaches by now."""
-    for _ in range(2):
-        fit = search(_spread(fit.candidate, parts), parts, LONG)
-    return fit
 
 
 def _spread(candidate: Candidate, parts: Sequence[Part]) -> Candidate:

@@ -14,7 +14,8 @@ import numpy as np
 
 from hydro_twin.effects import Effect, EFFECTS, Placed, sites, Span
 from hydro_twin.fitting.candidate import Candidate, Part
-from hydro_twin.fitting.free_run import Fit, in_parallel
+from hydro_twin.fitting.free_run import Fit
+from hydro_twin.fitting.parallel import in_processes
 from hydro_twin.plants import Plant, Port
 from hydro_twin.plants.plant import FloatArray
 
@@ -91,7 +92,7 @@ def screen(fit: Fit, parts: Sequence[Part], each: int = 2) -> list[Prospect]:
         return moved
 
     prospects: dict[tuple[str, str], list[Prospect]] = {}
-    for placed, moved in zip(starts, in_parallel(response, starts), strict=True):
+    for placed, moved in zip(starts, in_processes(response, starts), strict=True):
         moved = moved - basis @ (basis.T @ moved)
         size = float(moved @ moved)
         along = float(moved @ residual)

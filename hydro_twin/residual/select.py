@@ -6,8 +6,9 @@ count as so many independent samples.
 """
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
+from itertools import chain
 import math
 
 import numpy as np
@@ -20,7 +21,9 @@ from hydro_twin.fitting.free_run import (
     Fit,
     plant_unknowns,
     Problem,
+    solve_all,
     timing_unknowns,
+    Unknown,
     usual,
 )
 from hydro_twin.plants.plant import FloatArray
@@ -63,6 +66,19 @@ def search(candidate: Candidate, parts: Sequence[Part], evaluations: int,
     But effects that a free curve was added to stay as they are, since it can imitate them. See
     `Problem` for the tangent.
     """
+    return next(search_all([candidate], parts, evaluations, tangent))
+
+
+def search_all(candidates: Sequence[Candidate], parts: Sequence[Part], evaluations: int,
+               tangent: Fit | None = None) -> Iterator[Fit]:
+    """Do so for several, on all cores, and yield the fits in their order."""
+    problems = [Problem(candidate, _searched(candidate), parts, tangent)
+                for candidate in candidates]
+    return solve_all(problems, evaluations, 1e-5)
+
+
+def _searched(candidate: Candidate) -> list[Unknown]:
+    """List what is searched of a candidate."""
     plant = candidate.plant
     delayed = any(placed.effect.shifts for placed in candidate.effects)
     unknowns = plant_unknowns(plant, 'physical')
@@ -71,7 +87,7 @@ def search(candidate: Candidate, parts: Sequence[Part], evaluations: int,
                default=0)
     for index, placed in enumerate(candidate.effects[held:], held):
         unknowns += effect_unknowns(index, placed)
-    return Problem(candidate, unknowns, parts, tangent).solve(evaluations, 1e-5)
+    return unknowns
 
 
 def criterion(fits: Sequence[Fit]) -> list[float]:
@@ -126,21 +142,23 @@ def contend(base: Fit, parts: Sequence[Part], most: int, afresh: bool,
     prospects = screen(base, parts)
     if not afresh and nothing_shows(base, prospects):
         return []
-    tried: list[Fit] = []
-    for placed in shortlist(prospects, most):
-        progress(f'{placed.effect.id} at {placed.port.name}')
-        tried.append(search(with_effect(base.candidate, placed), parts, SHORT, base))
+    near = [with_effect(base.candidate, placed) for placed in shortlist(prospects, most)]
+    plain = []
     if afresh:
         middle = {name: math.exp(0.5 * (low + high))
                   for name, (low, high) in usual(base.candidate.plant).items()}
-        plain = replace(base.candidate, values={**base.candidate.values, **middle}, timing={})
+        linear = replace(base.candidate, values={**base.candidate.values, **middle}, timing={})
         reach = spans(base.candidate, parts)
         for effect, port in places(base.candidate.plant, base.candidate.effects):
-            progress(f'{effect.id} at {port.name}, afresh')
-            starts = [with_effect(plain, Placed(effect, port, tuple(values)))
+            starts = [with_effect(linear, Placed(effect, port, tuple(values)))
                       for values in effect.starts(reach[port])]
             if starts:
-                tried.append(search(min(starts, key=lambda c: far(c, parts)), parts, SHORT))
+                plain.append(min(starts, key=lambda c: far(c, parts)))
+    tried = []
+    for fit in chain(search_all(near, parts, SHORT, base), search_all(plain, parts, SHORT)):
+        last = fit.candidate.effects[-1]
+        progress(f'{last.effect.id} at {last.port.name}')
+        tried.append(fit)
     return finish(tried, parts)
 
 
@@ -168,7 +186,8 @@ def finish(tried: Sequence[Fit], parts: Sequence[Part]) -> list[Contender]:
         last = fit.candidate.effects[-1]
         best.setdefault((last.effect.id, last.port.name), fit)
     ranked = sorted(best.values(), key=lambda fit: fit.cost)
-    done = [refine(search(fit.candidate, parts, LONG), parts) for fit in ranked[:KEPT]]
+    longer = search_all([fit.candidate for fit in ranked[:KEPT]], parts, LONG)
+    done = [refine(fit, parts) for fit in longer]
     fits = [fit for fit in done + ranked[KEPT:] if told(fit, parts)]
     if not fits:
         return []
@@ -182,10 +201,10 @@ def refine(fit: Fit, parts: Sequence[Part]) -> Fit:
     if last.effect.refined is None:
         return fit
     reach = spans(fit.candidate, parts)[last.port]
-    forms = [fit]
-    for values in last.effect.refined(reach, last.values):
-        effects = (*fit.candidate.effects[:-1], replace(last, values=tuple(values)))
-        forms.append(search(replace(fit.candidate, effects=effects), parts, SHORT, fit))
+    finer = [replace(fit.candidate, effects=(*fit.candidate.effects[:-1],
+                                             replace(last, values=tuple(values))))
+             for values in last.effect.refined(reach, last.values)]
+    forms = [fit, *search_all(finer, parts, SHORT, fit)]
     scores = criterion(forms)
     best = int(np.argmin(scores))
     if scores[best] > scores[0] - CLEARLY:

@@ -1,0 +1,56 @@
+"""Work spread over the cores: on threads for long compiled runs, else in processes."""
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Sequence
+from concurrent.futures import ProcessPoolExecutor, ThreadPoolExecutor
+from multiprocessing import get_context
+import os
+import signal
+from typing import Any
+import warnings
+
+_call: Callable[[int], Any] | None = None       # of a worker process
+
+
+def in_threads[T, R](function: Callable[[T], R], arguments: Sequence[T]) -> list[R]:
+    """Call a function for each argument on threads: the kernel does not hold Python's lock."""
+    if _workers(arguments) < 2:
+        return [function(argument) for argument in arguments]
+    with ThreadPoolExecutor(_workers(arguments)) as pool:
+        return list(pool.map(function, arguments))
+
+
+def in_processes[T, R](function: Callable[[T], R], arguments: Sequence[T]) -> Iterator[R]:
+    """Call a function for each argument in processes and yield the results, in their order.
+
+    A fit of a usual recording spends half of its time in Python, where threads wait for one
+    another. The processes are forks: the function and its arguments, with their compiled laws,
+    are there already, and need not be picklable. The results must be.
+    """
+    if _workers(arguments) < 2:
+        yield from map(function, arguments)
+        return
+    with warnings.catch_warnings():
+        # Of other threads; the calls take none of the locks that those might hold.
+        warnings.filterwarnings('ignore', '.*use of fork', DeprecationWarning)
+        with ProcessPoolExecutor(_workers(arguments), get_context('fork'), _begin,
+                                 (lambda k: function(arguments[k]),)) as pool:
+            yield from pool.map(_do, range(len(arguments)))
+
+
+def _workers(arguments: Sequence[Any]) -> int:
+    """Count what may work at once; a worker has no workers of its own."""
+    return 1 if _call is not None else min(len(os.sched_getaffinity(0)), len(arguments))
+
+
+def _begin(call: Callable[[int], Any]) -> None:
+    """Make ready a worker, which leaves an interrupt to its parent."""
+    global _call
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    _call = call
+
+
+def _do(k: int) -> Any:
+    """Call for one argument in a worker."""
+    assert _call is not None
+    return _call(k)
