@@ -3,9 +3,11 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ProcessPoolExecutor, ThreadPoolExecutor
-from multiprocessing import get_context
+from multiprocessing import get_context, parent_process
+from multiprocessing.connection import wait
 import os
 import signal
+from threading import Thread
 from typing import Any
 import warnings
 
@@ -44,10 +46,19 @@ def _workers(arguments: Sequence[Any]) -> int:
 
 
 def _begin(call: Callable[[int], Any]) -> None:
-    """Make ready a worker, which leaves an interrupt to its parent."""
+    """Make ready a worker, which leaves an interrupt to its parent, and ends when that does."""
     global _call
     signal.signal(signal.SIGINT, signal.SIG_IGN)
+    Thread(target=_end_with_parent, daemon=True).start()
     _call = call
+
+
+def _end_with_parent() -> None:
+    """Wait for the parent to end, then end."""
+    parent = parent_process()
+    assert parent is not None
+    wait([parent.sentinel])
+    os._exit(1)
 
 
 def _do(k: int) -> Any:

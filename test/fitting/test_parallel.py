@@ -1,5 +1,7 @@
 """Work spread over the cores."""
 import os
+import subprocess
+import sys
 
 import pytest
 
@@ -32,3 +34,17 @@ def test_errors_come_back():
         list(in_processes(divide, [1, 0]))
     with pytest.raises(ZeroDivisionError):
         in_threads(divide, [1, 0])
+
+
+def test_workers_end_with_their_parent():
+    """Whoever kills a command and waits for the end of its output does not wait for ever."""
+    endless = ("import sys, time\n"
+               "from hydro_twin.fitting.parallel import in_processes\n"
+               "def run(k):\n"
+               "    print('begun', flush=True)\n"
+               "    time.sleep(30)\n"
+               "list(in_processes(run, range(4)))\n")
+    with subprocess.Popen([sys.executable, '-c', endless], stdout=subprocess.PIPE) as process:
+        process.stdout.readline()
+        process.kill()
+        process.communicate(timeout=20)     # until none holds the pipe
