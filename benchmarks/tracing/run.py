@@ -67,7 +67,6 @@ def traced(wanted: list[Case], workers: int) -> Iterator[dict[str, Any]]:
 def trace_case(case: Case) -> dict[str, Any]:
     """Return the truth, what the tracer said ('report' or 'failure') and how long it took."""
     from hydro_twin.plants.load_simulator import LOAD_SIMULATOR
-    from hydro_twin.recording.series import split_thirds
     from hydro_twin.report.summary import summarise
     from hydro_twin.residual.trace import trace
     from hydro_twin.residual.verdict import judge
@@ -86,7 +85,7 @@ def trace_case(case: Case) -> dict[str, Any]:
         line['true_error'] = true_fit(rig)
     begin = time.perf_counter()
     try:
-        found = trace(*split_thirds(rig.recording()), LOAD_SIMULATOR)
+        found = trace(rig.recording(), None, LOAD_SIMULATOR)
         summary = summarise(found, judge(found))
         line['report'] = {name: part for name, part in summary.items() if name != 'series'}
     except Exception:    # a rig that breaks the tracer is a result, and the others go on

@@ -15,7 +15,7 @@ from hydro_twin.fitting.candidate import Candidate, parts_of
 from hydro_twin.fitting.free_run import effect_unknowns, plant_unknowns, Problem, timing_unknowns
 from hydro_twin.plants.load_simulator import LOAD_SIMULATOR
 from hydro_twin.predictors.scores import rms
-from hydro_twin.recording.series import Recording, split_thirds
+from hydro_twin.recording.series import Recording, split
 
 # what 'single' laws are in the library: kind of port, and parameters from the fields built in
 _IN_LIBRARY: dict[str, tuple[str, Callable[[dict[str, Any]], dict[str, float]]]] = {
@@ -58,7 +58,7 @@ def true_structure(rig: Rig, substeps: int = 8) -> Candidate:
 
 def true_fit(rig: Rig) -> float:
     """Fit the true structure to the training part; return its error on the test part [N m]."""
-    train, test = split_thirds(rig.recording())
+    train, test = split(rig.recording())
     start = true_structure(rig)
     unknowns = plant_unknowns(start.plant, 'physical')
     for i, placed in enumerate(start.effects):

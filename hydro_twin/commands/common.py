@@ -138,12 +138,12 @@ def train_and_test(args: argparse.Namespace, rig: Rig) -> tuple[Recording, Recor
     Raises:
         BagError: a bag cannot be read, or lacks a signal.
     """
-    from hydro_twin.recording.series import split_thirds
+    from hydro_twin.recording.series import split
 
     recording = read(args.bags, rig)
     if args.test:
         return recording, read(args.test, rig)
-    return split_thirds(recording)
+    return split(recording)
 
 
 @contextmanager

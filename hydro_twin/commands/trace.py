@@ -10,8 +10,8 @@ from hydro_twin.commands.common import (
     add_rig_arguments,
     add_seed_argument,
     progress,
+    read,
     rig_from,
-    train_and_test,
 )
 from hydro_twin.errors import UserError
 
@@ -48,10 +48,12 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
         raise UserError(f'{args.model}: a model of {model.plant.name}, not of {rig.plant.name}')
     if args.output.exists() and not args.output.is_dir():
         raise UserError(f'{args.output}: is a file; a folder is needed for the report')
-    train, test = train_and_test(args, rig)
+    recording = read(args.bags, rig)
+    test = read(args.test, rig) if args.test else None
     with progress('tracing') as step:
-        found = trace(train, test, rig.plant, rig.constants, model, args.seed, lambda _: step())
-    origin = provenance(train.sources, test.sources if args.test else (), args.seed)
+        found = trace(recording, test, rig.plant, rig.constants, model, args.seed,
+                      lambda _: step())
+    origin = provenance(recording.sources, test.sources if test else (), args.seed)
     return write_files(found, args.output, origin)
 
 

@@ -10,14 +10,12 @@ from scipy.linalg import expm
 
 from hydro_twin.effects import Placed
 from hydro_twin.errors import DataError
+from hydro_twin.fitting.start import find_start, START, Start
 from hydro_twin.plants import Plant
 from hydro_twin.plants.plant import FloatArray
 from hydro_twin.predictors.scores import rms
 from hydro_twin.predictors.system import assemble, System
 from hydro_twin.recording.series import Recording
-
-START = 50              # samples at the begin of a part that set its state, and are not scored
-MOVES = 0.5             # of the mean square that rest misses: less is left by a start in motion
 
 
 @dataclass(frozen=True)
@@ -52,19 +50,6 @@ def parts_of(recording: Recording, plant: Plant) -> list[Part]:
 
 
 @dataclass(frozen=True)
-class Start:
-    """The state at which a run starts.
-
-    Attributes:
-        x: the state, (n,).
-        gain: how it follows the first outputs measured, (n, START).
-    """
-
-    x: FloatArray
-    gain: FloatArray
-
-
-@dataclass(frozen=True)
 class Candidate:
     """Values for everything a run needs.
 
@@ -87,54 +72,17 @@ class Candidate:
                         self.timing)
 
     def start(self, part: Part) -> Start:
-        """Find the state at the begin of a part that its first samples show.
-
-        Least squares from rest, under the whole model. States that these samples do not tell
-        stay near rest: a deviation costs as if the output were measured to one per cent.
-        """
-        system = self.system
+        """Find the state at the begin of a part that its first samples show."""
         n = min(START, len(part.measured))
-        inputs, measured = part.inputs[:n], part.measured[:n]
-        x = system.start(inputs[0], measured[0])
-        size = max(rms(measured - measured.mean()), 1e-3 * rms(part.measured), 1e-12)
-        scale = size / self._response_size
-        held = 0.01 * size * np.eye(len(x))
-        miss = measured - system.run(inputs, x)
-        gain = np.zeros((len(x), n))
-
-        def approach(columns: FloatArray, times: int, worth: float = 1.0) -> None:
-            nonlocal x, miss, gain
-            if not (np.isfinite(columns).all() and np.isfinite(miss).all()):
-                return
-            gain = scale[:, None] * np.linalg.pinv(np.vstack([columns, held]))[:, :n]
-            for _ in range(times):
-                trial = x + gain @ miss
-                left = measured - system.run(inputs, trial)
-                if not left @ left < worth * (miss @ miss):
-                    break
-                x, miss = trial, left
-
-        if len(system.table) == 0:
-            approach(self._response[:n] * scale, 1)
-        else:
-            # What sticks at rest has no derivative there: first by the linear laws, if it moves.
-            approach(self._response[:n] * scale, 1, MOVES)
-            here = measured - miss
-            approach(np.stack([system.run(inputs, x + 0.01 * s * unit) - here
-                               for s, unit in zip(scale, np.eye(len(x)), strict=True)],
-                              axis=1) / 0.01, 2)
-        return Start(x, gain)
+        least = max(1e-3 * rms(part.measured), 1e-12)
+        return find_start(self.system, self.free_response(n), part.inputs[:n], part.measured[:n],
+                          least)
 
     def start_near(self, part: Part, near: Start) -> Start:
         """Find it by one step from the start of a candidate that hardly differs."""
         n = near.gain.shape[1]
         miss = part.measured[:n] - self.system.run(part.inputs[:n], near.x)
         return Start(near.x + near.gain @ np.nan_to_num(miss), near.gain)
-
-    @cached_property
-    def _response(self) -> FloatArray:
-        """How the first outputs move with the state at the start, linear laws, (START, n)."""
-        return self.free_response(START)
 
     def free_response(self, samples: int) -> FloatArray:
         """How the output moves with the state at the start, linear laws, (samples, n)."""
@@ -143,12 +91,6 @@ class Candidate:
         while len(response) < samples:
             response, step = np.vstack([response, response @ step]), step @ step
         return response[:samples]
-
-    @cached_property
-    def _response_size(self) -> FloatArray:
-        """RMS of that for each state, (n,)."""
-        size = np.sqrt(np.mean(self._response**2, axis=0))
-        return np.where(size > 0.0, size, 1.0)
 
     def run(self, part: Part, seen: FloatArray | None = None) -> FloatArray:
         """Run freely over a part, from the state that its first samples show; (N,)."""
@@ -176,7 +118,9 @@ class Candidate:
         first, later = missed[:START], missed[START:]
         if not np.isfinite(missed).all():
             return later
-        response = self.free_response(len(missed)) / self._response_size
+        response = self.free_response(len(missed))
+        shown = np.sqrt(np.mean(response[:START]**2, axis=0))
+        response = response / np.where(shown > 0.0, shown, 1.0)
         weight = (rms(later) / max(rms(first), 1e-6 * rms(later), 1e-150)) ** 2
         normal = (response[START:].T @ response[START:] + 1e-4 * np.eye(response.shape[1])
                   + max(weight, 1.0) * response[:START].T @ response[:START])

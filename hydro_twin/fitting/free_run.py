@@ -9,9 +9,10 @@ import numpy as np
 from scipy.optimize import least_squares, OptimizeResult
 
 from hydro_twin.effects import Placed
-from hydro_twin.fitting.candidate import Candidate, Part, START, Start
+from hydro_twin.fitting.candidate import Candidate, Part
 from hydro_twin.fitting.identifiability import assess, Identifiability
 from hydro_twin.fitting.parallel import in_processes, in_threads
+from hydro_twin.fitting.start import START, Start
 from hydro_twin.plants import Plant
 from hydro_twin.plants.plant import FloatArray
 from hydro_twin.predictors.scores import rms

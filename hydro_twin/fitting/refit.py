@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from hydro_twin.errors import DataError, UserError
-from hydro_twin.fitting.candidate import parts_of, START
+from hydro_twin.fitting.candidate import parts_of
 from hydro_twin.fitting.coefficients import coefficients_of
 from hydro_twin.fitting.free_run import fit_linear
 from hydro_twin.fitting.identifiability import assess, Identifiability
@@ -15,6 +15,7 @@ from hydro_twin.fitting.network import make_problem, Problem
 from hydro_twin.fitting.one_step import at_bound, sensitivities
 from hydro_twin.fitting.populations import METHODS as POPULATIONS
 from hydro_twin.fitting.regression import regression
+from hydro_twin.fitting.start import START
 from hydro_twin.fitting.study import fit as search
 from hydro_twin.model import Estimate, Model
 from hydro_twin.plants import Plant

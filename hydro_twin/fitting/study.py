@@ -9,13 +9,14 @@ import numpy as np
 from scipy.stats import mannwhitneyu
 
 from hydro_twin.errors import DataError
-from hydro_twin.fitting.candidate import parts_of, START
+from hydro_twin.fitting.candidate import parts_of
 from hydro_twin.fitting.coefficients import coefficients_of
 from hydro_twin.fitting.network import HYBRID, Job, make_problem, Settings, train_many
 from hydro_twin.fitting.one_step import Coefficients, least_squares, one_step_error
 from hydro_twin.fitting.populations import METHODS
 from hydro_twin.fitting.regression import Regression, regression
 from hydro_twin.fitting.search import SearchResult
+from hydro_twin.fitting.start import START
 from hydro_twin.model import Estimate, Model
 from hydro_twin.plants import Plant
 from hydro_twin.plants.plant import FloatArray

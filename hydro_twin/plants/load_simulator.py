@@ -23,34 +23,37 @@ def laws(p: Mapping[str, float]) -> Laws:
         [0.0, 0.0, 1.0, 0.0],
     ])
     B = np.array([[K_sv / K_p, 0.0], [0.0, 0.0], [0.0, G / J], [0.0, 0.0]])
-    #             command     rate     spool            flow       leakage     motor    coupling
-    E = np.array([
-        [K_sv / K_p, 1.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0],
-        [0.0, 0.0, stiffness * K_q, stiffness, -stiffness, 0.0, 0.0, 0.0],
-        [0.0, 0.0, 0.0, 0.0, 0.0, 1.0 / J, -1.0 / J, 0.0],
-        [0.0] * 8,
+    #             command     rate     spool             chamber      flow     leakage   motor
+    E = np.array([                                      # coupling, sensor
+        [K_sv / K_p, 1.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0],
+        [0.0, 0.0, stiffness * K_q, -stiffness * K_ce, stiffness, -stiffness, 0.0, 0.0, 0.0],
+        [0.0, 0.0, 0.0, D_m / J, 0.0, 0.0, 1.0 / J, -1.0 / J, 0.0],
+        [0.0] * 9,
     ])
     port_x = np.array([
         [0.0, 0.0, 0.0, 0.0],               # command: u_m
         [-1.0 / K_p, 0.0, 0.0, 0.0],        # spool rate: x_v'
         [1.0, 0.0, 0.0, 0.0],               # spool: x_v
+        [0.0, 1.0, 0.0, 0.0],               # chamber: p_L
         [K_q, 0.0, 0.0, 0.0],               # flow: K_q x_v
         [0.0, K_ce, 0.0, 0.0],              # leakage: K_ce p_L
         [0.0, D_m, -B_m, 0.0],              # motor: D_m p_L - B_m omega_j
         [0.0, 0.0, 0.0, G],                 # coupling: G (theta_j - theta_d)
         [0.0, 0.0, 0.0, G],                 # sensor: T_g
     ])
-    port_u = np.zeros((8, 2))
+    port_u = np.zeros((9, 2))
     port_u[0, 0] = 1.0
     port_u[1, 0] = K_sv / K_p
-    port_u[6:, 1] = -G
-    port_d = np.zeros((8, 8))
+    port_u[7:, 1] = -G
+    port_d = np.zeros((9, 9))
     port_d[1, 0] = K_sv / K_p
-    port_d[3, 2] = K_q
-    port_d[7, 6] = 1.0
-    # opening, load_pressure at flow; load_pressure at leakage; velocity, position at motor;
-    # twist at coupling
+    port_d[4, 2] = K_q
+    port_d[5:7, 3] = K_ce, D_m
+    port_d[8, 7] = 1.0
+    # load_pressure at chamber; opening, load_pressure at flow; load_pressure at leakage;
+    # velocity, position at motor; twist at coupling
     signal_x = np.array([
+        [0.0, 1.0, 0.0, 0.0],
         [1.0, 0.0, 0.0, 0.0],
         [0.0, 1.0, 0.0, 0.0],
         [0.0, 1.0, 0.0, 0.0],
@@ -58,10 +61,11 @@ def laws(p: Mapping[str, float]) -> Laws:
         [0.0, 0.0, 0.0, 1.0],
         [0.0, 0.0, 0.0, 1.0],
     ])
-    signal_u = np.zeros((6, 2))
-    signal_u[5, 1] = -1.0
-    signal_d = np.zeros((6, 8))
-    signal_d[0, 2] = 1.0
+    signal_u = np.zeros((7, 2))
+    signal_u[6, 1] = -1.0
+    signal_d = np.zeros((7, 9))
+    signal_d[1, 2] = 1.0
+    signal_d[2:4, 3] = 1.0
     return Laws(A, B, E, port_x, port_u, port_d, signal_x, signal_u, signal_d)
 
 
@@ -91,6 +95,8 @@ LOAD_SIMULATOR = Plant(
         Port('command', 'command', 'V', 'command before the spool'),
         Port('spool', 'rate', 'm/s', 'speed of the spool'),
         Port('spool', 'opening', 'm', 'opening seen by the flow'),
+        Port('chamber', 'pressure', 'Pa', 'load pressure that the oil between the valve and the '
+             'motor gives', {'load_pressure': 'Pa'}),
         Port('flow', 'flow', 'm^3/s', 'flow through the valve without load',
              {'opening': 'm', 'load_pressure': 'Pa'}),
         Port('leakage', 'leakage', 'm^3/s', 'flow lost to load pressure', {'load_pressure': 'Pa'}),

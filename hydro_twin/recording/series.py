@@ -63,13 +63,13 @@ class Recording:
         return Recording(self.series + other.series, self.sources + other.sources)
 
 
-def split_thirds(recording: Recording) -> tuple[Recording, Recording]:
-    """Split every series: the first third is the test part, the rest trains [B19].
+def split(recording: Recording, nth: int = 3) -> tuple[Recording, Recording]:
+    """Split every series: the first nth is the test part, the rest trains [B19: a third].
 
     Returns:
         (train, test), each a recording with one series for each series given.
     """
-    cuts = [len(series) // 3 for series in recording.series]
+    cuts = [len(series) // nth for series in recording.series]
     test = tuple(s.part(0, cut) for s, cut in zip(recording.series, cuts, strict=True))
     train = tuple(s.part(cut, len(s)) for s, cut in zip(recording.series, cuts, strict=True))
     return Recording(train, recording.sources), Recording(test, recording.sources)

@@ -9,7 +9,8 @@ import numpy as np
 from scipy import signal
 
 from hydro_twin.effects.curve import values
-from hydro_twin.fitting.candidate import Part, START
+from hydro_twin.fitting.candidate import Part
+from hydro_twin.fitting.start import START
 from hydro_twin.plants import Port
 from hydro_twin.plants.plant import FloatArray
 from hydro_twin.report.chart import (

@@ -14,8 +14,9 @@ from scipy import signal
 from scipy.linalg import block_diag
 
 from hydro_twin.effects import Placed
-from hydro_twin.fitting.candidate import Part, START
+from hydro_twin.fitting.candidate import Part
 from hydro_twin.fitting.free_run import Fit
+from hydro_twin.fitting.start import START
 from hydro_twin.plants.plant import FloatArray
 from hydro_twin.predictors.scores import rms
 from hydro_twin.report.chart import AFTER, axis, BEFORE, Chart, Curve, FOUND, Illustration, View

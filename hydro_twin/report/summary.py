@@ -7,22 +7,29 @@ import numpy as np
 from scipy import signal
 
 from hydro_twin.effects import Placed
-from hydro_twin.fitting.candidate import Candidate, Part, START
+from hydro_twin.fitting.candidate import Candidate, Part
 from hydro_twin.fitting.free_run import Fit, get, label, Unknown
+from hydro_twin.fitting.start import START
 from hydro_twin.model import Estimate, FittedEffect, Model
 from hydro_twin.plants.difference_equation import characteristic
 from hydro_twin.plants.plant import FloatArray
 from hydro_twin.predictors.scores import rms
-from hydro_twin.residual.trace import Trace
+from hydro_twin.residual.trace import FIRST, LESS, Trace
 from hydro_twin.residual.verdict import (
     CLOSE,
     drifts,
-    is_stranger,
     is_structured,
     Judged,
     LIKELY,
     Verdict,
 )
+
+TESTED = {
+    0: 'bags that were not fitted',
+    FIRST: 'the first third of every series, which was not fitted',
+    LESS: 'the first sixth of every series, which was not fitted; the second was, since more '
+          'happens in the first third than in the rest',
+}
 
 
 def summarise(trace: Trace, verdict: Verdict) -> dict[str, Any]:
@@ -36,6 +43,7 @@ def summarise(trace: Trace, verdict: Verdict) -> dict[str, Any]:
         'plant': trace.plant.name,
         'verdict': verdict.kind,
         'says': sentence(trace, verdict),
+        'tested': TESTED[trace.tested],
         'effects': [_effect(j, estimates[j.finding.index]) for j in verdict.judged],
         'found': _found(trace, estimates),
         'ambiguous': [list(group) for group in verdict.ambiguous],
@@ -111,7 +119,7 @@ def remainder_sentence(trace: Trace) -> str:
                      f'({first.share:.0%} of what is left)')
     if drifts(trace):
         parts.append('a parameter drifts over the recording')
-    if is_stranger(trace):
+    if trace.is_stranger:
         parts.append(f'on data that was not fitted the error is '
                      f'{trace.unseen / trace.after.error:.1f} times as large: something happens '
                      f'there that does not in the data that was')

@@ -13,8 +13,9 @@ import math
 
 import numpy as np
 
-from hydro_twin.fitting.candidate import Candidate, Part, START
+from hydro_twin.fitting.candidate import Candidate, Part
 from hydro_twin.fitting.free_run import Fit
+from hydro_twin.fitting.start import START
 from hydro_twin.plants import Plant
 from hydro_twin.predictors.scores import rms
 

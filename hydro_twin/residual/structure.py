@@ -14,8 +14,9 @@ import numpy as np
 from scipy import signal, stats
 
 from hydro_twin.effects.curve import KNOTS
-from hydro_twin.fitting.candidate import Candidate, Part, START
+from hydro_twin.fitting.candidate import Candidate, Part
 from hydro_twin.fitting.free_run import Fit
+from hydro_twin.fitting.start import START
 from hydro_twin.plants import Port
 from hydro_twin.plants.difference_equation import DifferenceEquation, from_state_space
 from hydro_twin.plants.plant import FloatArray

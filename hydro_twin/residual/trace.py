@@ -8,10 +8,11 @@ import numpy as np
 
 from hydro_twin.fitting.candidate import Candidate, Part, parts_of
 from hydro_twin.fitting.free_run import Fit, fit_linear
+from hydro_twin.fitting.start import START
 from hydro_twin.model import Model
 from hydro_twin.plants import Plant
 from hydro_twin.predictors.scores import rms
-from hydro_twin.recording.series import Recording
+from hydro_twin.recording.series import Recording, split
 from hydro_twin.residual.chain import (
     Chain,
     Finding,
@@ -33,6 +34,8 @@ from hydro_twin.residual.structure import Dependence, dependences, drift, foreto
 AT_LAST = 60_000        # samples of a recording that was thinned, fitted whole in the end
 EVERY = 1000            # effects fitted in full in the first round
 LIKELY = 0.05           # p-value from which something may be left that names do not explain
+STRANGER = 1.2          # error on data not fitted, over that on data fitted, that is not chance
+FIRST, LESS = 3, 6      # the first third of every series is the test part; or the first sixth
 
 
 @dataclass(frozen=True)
@@ -51,6 +54,7 @@ class Trace:
         drifts: (share, p-value) of a drift of the parameters in what is left.
         foretold: (share, p-value) of what is left that the signals at the ports foretell.
         found: a curve without a name, on top of `after`.
+        tested: the test part is the first third (3), or sixth (6), of every series; 0: neither.
     """
 
     plant: Plant
@@ -70,6 +74,7 @@ class Trace:
     drifts: tuple[float, float]
     foretold: tuple[float, float]
     found: Found | None = None
+    tested: int = 0
 
     @property
     def final(self) -> Fit:
@@ -81,15 +86,22 @@ class Trace:
         """Whether anything was added to the model."""
         return bool(self.findings or self.found)
 
+    @property
+    def is_stranger(self) -> bool:
+        """Whether the model fails on data that was not fitted, in which more must happen."""
+        return self.unseen > STRANGER * self.after.error
 
-def trace(train: Recording, test: Recording, plant: Plant,
+
+def trace(recording: Recording, test: Recording | None, plant: Plant,
           constants: Mapping[str, float] | None = None, model: Model | None = None,
           seed: int = 0, progress: Callable[[str], None] = lambda _: None) -> Trace:
     """Find what a plant's linear model lacks of a recording.
 
     Args:
-        train: what is fitted.
-        test: what is not, and judges.
+        recording: what is fitted.
+        test: what is not, and judges. None: the first third of every series of the recording.
+            Where the model fails there, more happens than in the rest, as in a sweep that begins
+            slowly; then the first sixth, and the second is fitted.
         plant: the plant.
         constants: of the rig, where they differ from the plant's defaults.
         model: where to start, instead of a fresh fit of the linear plant.
@@ -99,6 +111,20 @@ def trace(train: Recording, test: Recording, plant: Plant,
     Raises:
         DataError: a recording is too short, constant or not finite.
     """
+    if test is not None:
+        return _trace(recording, test, plant, constants, model, seed, progress)
+    for nth in (FIRST, LESS):
+        found = replace(_trace(*split(recording, nth), plant, constants, model, seed, progress),
+                        tested=nth)
+        if not found.is_stranger or max(map(len, recording.series)) < LESS * 2 * START:
+            break
+    return found
+
+
+def _trace(train: Recording, test: Recording, plant: Plant,
+           constants: Mapping[str, float] | None, model: Model | None, seed: int,
+           progress: Callable[[str], None]) -> Trace:
+    """Do so once."""
     whole, unseen = parts_of(train, plant), parts_of(test, plant)
     sample_time = train.series[0].sample_time
     fine = excerpt(whole)

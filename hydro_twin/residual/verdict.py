@@ -11,7 +11,6 @@ FAR = 100.0             # and from which a rival is no longer near
 LEFT = 0.01             # share of what is left, foretold by the ports, that makes a law wrong
 LIKELY = 0.05           # p-value of that
 DRIFTS = 0.02           # share of what is left in a drift from which it is said
-STRANGER = 1.5          # error on data not fitted, over that on data fitted, that is not chance
 TELLING = 3000.0        # power explained over the noise's, to tell a law from one a little off
 
 
@@ -62,7 +61,7 @@ def judge(trace: Trace) -> Verdict:
 def is_structured(trace: Trace, level: float) -> bool:
     """Whether what is left depends on anything, by tests at this level."""
     share, p_value = trace.foretold
-    return bool(trace.depends_on or trace.lines or drifts(trace) or is_stranger(trace)
+    return bool(trace.depends_on or trace.lines or drifts(trace) or trace.is_stranger
                 or (p_value < level and share > LEFT))
 
 
@@ -70,11 +69,6 @@ def drifts(trace: Trace) -> bool:
     """Whether parameters drift over the recording."""
     share, p_value = trace.drifts
     return p_value < 0.2 * LIKELY and share > DRIFTS
-
-
-def is_stranger(trace: Trace) -> bool:
-    """Whether the model fails on data that was not fitted, in which more must happen."""
-    return trace.unseen > STRANGER * trace.after.error
 
 
 def _judge(trace: Trace, finding: Finding) -> Judged:

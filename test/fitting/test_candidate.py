@@ -4,9 +4,11 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from hydro_twin.fitting.candidate import Candidate, Part
+from hydro_twin.fitting.candidate import Candidate, Part, parts_of
 from hydro_twin.model import place
 from hydro_twin.plants import plant_named
+from hydro_twin.recording.series import Recording
+from hydro_twin.simulation.simulate import simulate
 
 
 def axis(*effects):
@@ -47,3 +49,20 @@ def test_near_by_the_start_follows_in_one_step():
     moved = axis(('friction', 'motor', {'coulomb': 20.1}))
     near = moved.start_near(part, candidate.start(part))
     assert near.x == pytest.approx(moved.start(part).x, rel=1e-3)
+
+
+def test_a_cut_through_the_motion_of_a_shaft_with_backlash():
+    """The laws change with the side of the gap, so that one step does not lead there."""
+    plant = plant_named('load_simulator')
+    values = plant.constant_values() | {p.name: (p.lower * p.upper) ** 0.5
+                                        for p in plant.parameters}
+    gap = place('backlash', 'coupling', {'gap': 3e-3}, plant)
+    recorded = simulate(plant, values, [gap], {
+        'u_m': lambda t: 0.05 * np.sin(2 * np.pi * 3.1 * t) + 0.05 * np.sin(2 * np.pi * 7.7 * t),
+        'theta_d': lambda t: 0.02 * np.sin(2 * np.pi * 1.3 * t)}, 6.0)
+    candidate = Candidate(plant, values, plant.sample_time, (gap,), substeps=16)
+    missed = []
+    for begin in range(100, len(recorded) - 150, 50):
+        part, = parts_of(Recording((recorded.part(begin, begin + 150),)), plant)
+        missed.append(np.sqrt(np.mean(candidate.residual(part)**2)) / np.std(part.measured))
+    assert np.quantile(missed, 0.9) < 0.005

@@ -38,12 +38,14 @@ def test_errors_come_back():
 
 def test_workers_end_with_their_parent():
     """Whoever kills a command and waits for the end of its output does not wait for ever."""
-    endless = ("import sys, time\n"
-               "from hydro_twin.fitting.parallel import in_processes\n"
-               "def run(k):\n"
-               "    print('begun', flush=True)\n"
-               "    time.sleep(30)\n"
-               "list(in_processes(run, range(4)))\n")
+    endless = '''
+import time
+from hydro_twin.fitting.parallel import in_processes
+def run(k):
+    print('begun', flush=True)
+    time.sleep(30)
+list(in_processes(run, range(4)))
+'''
     with subprocess.Popen([sys.executable, '-c', endless], stdout=subprocess.PIPE) as process:
         process.stdout.readline()
         process.kill()

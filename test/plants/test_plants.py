@@ -16,14 +16,15 @@ def load_simulator(v, x, u, d):
     command = u_m + d[0]                                            # eq. 15
     rate = (v['K_sv'] * command - x_v) / v['K_p'] + d[1]
     opening = x_v + d[2]
-    flow = v['K_q'] * opening + d[3]                                # eq. 11
-    leakage = v['K_ce'] * p_L + d[4]
+    pressure = p_L + d[3]
+    flow = v['K_q'] * opening + d[4]                                # eq. 11
+    leakage = v['K_ce'] * pressure + d[5]
     p_rate = (flow - leakage - v['D_m'] * omega) * 4 * v['beta_e'] / v['V_m']   # eq. 12
-    force = v['D_m'] * p_L - v['B_m'] * omega + d[5]
-    torque = v['G'] * (theta - theta_d) + d[6]                      # eq. 14
+    force = v['D_m'] * pressure - v['B_m'] * omega + d[6]
+    torque = v['G'] * (theta - theta_d) + d[7]                      # eq. 14
     acceleration = (force - torque) / v['J']                        # eq. 13
-    ports = [command, rate, opening, flow, leakage, force, torque, torque + d[7]]
-    signals = [opening, p_L, p_L, omega, theta, theta - theta_d]
+    ports = [command, rate, opening, pressure, flow, leakage, force, torque, torque + d[8]]
+    signals = [p_L, opening, pressure, pressure, omega, theta, theta - theta_d]
     return [rate, p_rate, acceleration, omega], ports, signals
 
 

@@ -2,8 +2,9 @@
 import numpy as np
 import pytest
 
-from hydro_twin.fitting.candidate import Candidate, Part, parts_of, START
+from hydro_twin.fitting.candidate import Candidate, Part, parts_of
 from hydro_twin.fitting.free_run import fit_linear
+from hydro_twin.fitting.start import START
 from hydro_twin.model import place
 from hydro_twin.plants import plant_named
 from hydro_twin.recording.series import Recording, Series

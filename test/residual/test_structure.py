@@ -6,7 +6,7 @@ import pytest
 from scipy.signal import cont2discrete, dlsim, lfilter
 from traced_rig import fitted, PLANT, record
 
-from hydro_twin.fitting.candidate import START
+from hydro_twin.fitting.start import START
 from hydro_twin.residual.screen import hidden, screen, spans
 from hydro_twin.residual.structure import (
     dependences,

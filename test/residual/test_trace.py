@@ -12,7 +12,7 @@ from hydro_twin.commands.main import main
 from hydro_twin.model import place, read_model
 from hydro_twin.plants import plant_named
 from hydro_twin.recording.read import read_recording
-from hydro_twin.recording.series import Recording, split_thirds
+from hydro_twin.recording.series import Recording, split
 from hydro_twin.recording.signals import load_signals
 from hydro_twin.recording.write import write_recording
 from hydro_twin.report.summary import summarise
@@ -26,7 +26,7 @@ ERRORS = {'one_step': {'train', 'test'}, 'free_run': {'train', 'test'}}
 
 
 def report_of(recording, seed=0):
-    found = trace(*split_thirds(recording), PLANT, seed=seed)
+    found = trace(*split(recording), PLANT, seed=seed)
     return summarise(found, judge(found))
 
 
@@ -110,7 +110,7 @@ def test_a_long_recording_of_an_axis_that_integrates():
     one = simulate(plant, {'M': 95.0, 'F_v': 200.0}, placed, {'force': force}, 18.0)
     x = one['x'] + 1e-5 * np.random.default_rng(0).standard_normal(len(one))
     recording = Recording((replace(one, columns={**one.columns, 'x': x}),))
-    found = trace(*split_thirds(recording), plant)
+    found = trace(*split(recording), plant)
     named = {placed.effect.id: placed.named for placed in found.after.candidate.effects}
     assert set(named) == {'friction', 'bias'}
     assert named['friction']['coulomb'] == pytest.approx(20.0, rel=0.01)

@@ -9,7 +9,7 @@ from hydro_twin.fitting.candidate import parts_of
 from hydro_twin.fitting.free_run import fit_linear
 from hydro_twin.model import place
 from hydro_twin.plants import PLANTS
-from hydro_twin.recording.series import Recording, split_thirds
+from hydro_twin.recording.series import Recording, split
 from hydro_twin.simulation.simulate import simulate
 
 PLANT = PLANTS['load_simulator']
@@ -43,7 +43,7 @@ def record(*effects, seed=0, noise=0.5, count=3, duration=3.0, plant=PLANT, ampl
 
 def fitted(recording):
     """Fit the linear plant; returns (fit, train, test)."""
-    train, test = split_thirds(recording)
+    train, test = split(recording)
     parts = parts_of(train, PLANT)
     fit = fit_linear(PLANT, parts, PLANT.constant_values(), 0.002, 'physical', timing=True)
     return fit, parts, parts_of(test, PLANT)
