@@ -69,24 +69,26 @@ def find_curve(fit: Fit, parts: Sequence[Part], unseen: Sequence[Part],
     scores = criterion(fits)
     first, *rest = sorted(range(len(fits)), key=lambda k: scores[k])
     p_value = gain_p_value(fit, fits[first], len(depends_on))
-    proof = improvement([fit.candidate.residual(p) for p in unseen],
-                        [fits[first].candidate.residual(p) for p in unseen], seed)
+    proof = _proof(fit, fits[first], unseen, seed)
     if p_value > LEVEL or proof.low <= 0.0:
         return None
     others = [(fits[k].candidate.effects[-1], scores[k] - scores[first]) for k in rest]
     return Found(fits[first], proof, p_value, tuple(sorted(others, key=lambda other: other[1])))
 
 
-def is_better(found: Found, named: Fit, depends_on: Sequence[Dependence]) -> bool:
+def is_better(found: Found, named: Fit, depends_on: Sequence[Dependence],
+              unseen: Sequence[Part], seed: int) -> bool:
     """Whether one curve does clearly better than all effects that were named instead of it.
 
-    Not where one of these is a law of the same signal at the same place, which the curve only
-    draws more finely.
+    On what was fitted, and on what was not. Not where one of these is a law of the same signal
+    at the same place, which the curve only draws more finely.
 
     Args:
         found: a curve on the model before.
         named: the model with effects.
         depends_on: what the residual of the model before depends on.
+        unseen: what was not fitted.
+        seed: of the bootstrap.
     """
     shares = {(d.port, d.signal): d.share for d in depends_on}
     here = shares[found.placed.port, found.placed.effect.reads[0]]
@@ -96,7 +98,13 @@ def is_better(found: Found, named: Fit, depends_on: Sequence[Dependence]) -> boo
         if len(reads) == 1 and abs(there - here) <= ALIKE * here:
             return False
     with_curve, with_names = criterion([found.fit, named])
-    return with_curve < with_names - CLEARLY
+    return with_curve < with_names - CLEARLY and _proof(named, found.fit, unseen, seed).low > 0.0
+
+
+def _proof(before: Fit, after: Fit, unseen: Sequence[Part], seed: int) -> Improvement:
+    """Compare two fits on what was not fitted."""
+    return improvement([before.candidate.residual(p) for p in unseen],
+                       [after.candidate.residual(p) for p in unseen], seed)
 
 
 def distinct(depends_on: Sequence[Dependence]) -> list[Dependence]:

@@ -198,7 +198,7 @@ def _with_curve(chain: Chain, base: Fit, ground: Ground) -> tuple[Chain, Found |
     if chain.findings and (depends_on or foretold(chain.fit, parts)[1] < LIKELY):
         at_first = dependences(base, parts)
         alone = find_curve(base, parts, unseen, at_first, seed)
-        if alone and is_better(alone, chain.fit, at_first):
+        if alone and is_better(alone, chain.fit, at_first, unseen, seed):
             return Chain(base), alone
     return chain, find_curve(chain.fit, parts, unseen, depends_on, seed)
 

@@ -38,14 +38,14 @@ def test_errors_come_back():
 
 def test_workers_end_with_their_parent():
     """Whoever kills a command and waits for the end of its output does not wait for ever."""
-    endless = '''
+    endless = """
 import time
 from hydro_twin.fitting.parallel import in_processes
 def run(k):
-    print('begun', flush=True)
+    print(k, flush=True)
     time.sleep(30)
 list(in_processes(run, range(4)))
-'''
+"""
     with subprocess.Popen([sys.executable, '-c', endless], stdout=subprocess.PIPE) as process:
         process.stdout.readline()
         process.kill()
