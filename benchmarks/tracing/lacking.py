@@ -363,11 +363,11 @@ def high_frequency_burst(s: Scales, rng: Generator) -> Fields:
 EFFECTS, VARIED, OUTSIDE = (tuple(LAWS[kind]) for kind in ('single', 'variant', 'outside'))
 
 # Outside any library, but a static law at one port: where it may be seen, as kind of port and
-# signal. The flow and the opening differ by a factor; oil that is soft at low pressure shows in
-# the torque that the pressure gives, and in what flows in or out.
+# signal. The flow and the opening differ by a factor. Oil that is soft at low pressure gives
+# another pressure for what has flowed in; of it the torque and the leakage follow.
 _OPENING = {('flow', 'opening'), ('flow', 'value'), ('opening', 'value')}
-_PRESSURE = {('leakage', 'load_pressure'), ('leakage', 'value'), ('flow', 'load_pressure'),
-             ('force', 'value')}
+_PRESSURE = {('pressure', 'load_pressure'), ('pressure', 'value'), ('leakage', 'load_pressure'),
+             ('leakage', 'value'), ('flow', 'load_pressure'), ('force', 'value')}
 STATIC = {'soft_flow': _OPENING, 'progressive_flow': _OPENING, 'aerated_oil': _PRESSURE,
           'quadratic_drag': {('force', 'velocity')}}
 

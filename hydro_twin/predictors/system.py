@@ -15,6 +15,8 @@ from hydro_twin.predictors.dispatch import code
 
 IntArray = npt.NDArray[np.int64]
 
+NEWTON = 20             # steps to the state at rest, at most
+
 
 @dataclass(frozen=True)
 class System:
@@ -47,23 +49,26 @@ class System:
     def start(self, inputs: FloatArray, output: float) -> FloatArray:
         """Return the state at rest, shape (n,), that gives this output under these inputs (m,).
 
-        What effects add to the output in the state that the linear laws alone would take, as a
-        bias of the sensor does, is allowed for.
+        What effects add to the output, as a bias of the sensor or a coupling that stiffens does,
+        is allowed for, by Newton's method.
         """
-        x = self._rest(inputs, output)
-        if len(self.active):
-            y = kernel.output(self.H, self.table, self.active, self.p, self.shift, x,
-                              np.zeros(self.memory), self.work(), inputs[None, :], 0)
-            added = y - float((self.laws.C @ x + self.laws.D @ inputs)[0])
-            x = self._rest(inputs, output - added)
-        return x
-
-    def _rest(self, inputs: FloatArray, output: float) -> FloatArray:
-        """Return the state at rest by the linear laws."""
         rest = [self.plant.states.index(name) for name in self.plant.at_rest]
         rows = np.vstack([self.laws.A[rest], self.laws.C])
-        right = np.concatenate([-self.laws.B[rest] @ inputs, [output] - self.laws.D @ inputs])
-        return np.linalg.solve(rows, right)
+        right = np.concatenate([-self.laws.B[rest] @ inputs, -self.laws.D @ inputs])
+        origin, per_output = np.linalg.solve(rows, np.stack([right, np.eye(len(rows))[-1]])[
+            ..., None])[..., 0]
+        linear = output                     # what the linear laws alone would put out
+        for _ in range(NEWTON if len(self.active) else 0):
+            step = 1e-6 * max(abs(linear), abs(output), 1e-9)
+            y, beyond = (kernel.output(
+                self.H, self.table, self.active, self.p, self.shift, origin + at * per_output,
+                np.zeros(self.memory), self.work(), inputs[None, :], 0)
+                for at in (linear, linear + step))
+            if not abs(y - output) > 1e-9 * abs(output):
+                break
+            linear -= (y - output) / max((beyond - y) / step, 1.0)
+        x: FloatArray = origin + linear * per_output
+        return x
 
     def run(self, inputs: FloatArray, x: FloatArray, seen: FloatArray | None = None
             ) -> FloatArray:

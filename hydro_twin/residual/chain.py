@@ -154,7 +154,7 @@ def _proven(chain: Chain, alone: Fit, ground: Ground) -> Chain:
     for k, fit in enumerate(bare):
         before = [fit.candidate.residual(part) for part in ground.unseen]
         helps = improvement(before, after, ground.seed).low
-        if helps <= 0.0 and likelihood_gain(before, after) < FORETOLD:
+        if not (helps > 0.0 or likelihood_gain(before, after) > FORETOLD):
             fails[k] = helps
     if not fails:
         return chain

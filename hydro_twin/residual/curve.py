@@ -70,7 +70,7 @@ def find_curve(fit: Fit, parts: Sequence[Part], unseen: Sequence[Part],
     first, *rest = sorted(range(len(fits)), key=lambda k: scores[k])
     p_value = gain_p_value(fit, fits[first], len(depends_on))
     proof = _proof(fit, fits[first], unseen, seed)
-    if p_value > LEVEL or proof.low <= 0.0:
+    if p_value > LEVEL or not proof.low > 0.0:
         return None
     others = [(fits[k].candidate.effects[-1], scores[k] - scores[first]) for k in rest]
     return Found(fits[first], proof, p_value, tuple(sorted(others, key=lambda other: other[1])))

@@ -89,7 +89,7 @@ class Trace:
     @property
     def is_stranger(self) -> bool:
         """Whether the model fails on data that was not fitted, in which more must happen."""
-        return self.unseen > STRANGER * self.after.error
+        return not self.unseen <= STRANGER * self.after.error
 
 
 def trace(recording: Recording, test: Recording | None, plant: Plant,

@@ -1,6 +1,7 @@
 import numpy as np
 import pytest
 from scipy import signal
+from scipy.optimize import brentq
 
 from hydro_twin.model import Estimate, FittedEffect, Model, place
 from hydro_twin.plants import PLANTS
@@ -101,6 +102,16 @@ def test_free_run_starts_at_rest_at_the_measured_output():
     x = system.start(np.array([0.0, 0.3]), 42.0)
     rates = system.laws.A @ x + system.laws.B @ [0.0, 0.3]
     assert rates[[0, 2, 3]] == pytest.approx(0.0, abs=1e-6)
+
+
+@pytest.mark.parametrize('cubic', [1e3, 1e6, 1e9])
+def test_a_run_starts_at_rest_also_where_the_shaft_stiffens(cubic):
+    plant = PLANTS['load_simulator']
+    stiffening = place('stiffening', 'coupling', {'cubic': cubic}, plant)
+    system = assemble(plant, VECTOR | plant.constant_values(), [stiffening])
+    twist = brentq(lambda x: VECTOR['G'] * x * (1.0 + cubic * x * x) - 42.0, 0.0, 0.1, xtol=1e-15)
+    x = system.start(np.array([0.0, 0.3]), 42.0)
+    assert x[3] - 0.3 == pytest.approx(twist, rel=1e-6)
 
 
 def test_one_step_of_the_linear_plant_is_eq_1_on_the_measured_past():
