@@ -15,7 +15,7 @@ from hydro_twin.residual.proof import Improvement, improvement
 from hydro_twin.residual.select import CLEARLY, criterion, far, gain_p_value, search_all
 from hydro_twin.residual.structure import Dependence
 
-MOST, KEPT = 6, 3       # dependences that are fitted, and of these searched to the end
+MOST, KEPT = 8, 3       # curves that are fitted, and of these searched to the end
 ALIKE = 1e-4            # of the shares of two that are the same but for a factor
 SHORT, LONG = 8, 25     # evaluations of a search: to compare, to the end
 LEVEL = 1e-3            # of the test of the best, corrected for all dependences tried
@@ -45,22 +45,22 @@ class Found:
 
 
 def find_curve(fit: Fit, parts: Sequence[Part], unseen: Sequence[Part],
-               depends_on: Sequence[Dependence], seed: int) -> Found | None:
-    """Fit a curve at each port and signal that a residual depends on; the best, if it helps.
+               curves: Sequence[Dependence], seed: int) -> Found | None:
+    """Fit a curve at each port over each signal where any shows; the best, if it helps.
 
     Args:
         fit: the model that leaves something.
         parts: what it was fitted to.
         unseen: what it was not.
-        depends_on: what its residual depends on, the strongest first.
+        curves: what each explains of its residual by the linear laws, the most first.
         seed: of the bootstrap.
 
     Returns:
         None where no curve makes the free run better on data that was not fitted.
     """
-    places = distinct(depends_on)[:MOST]
-    if not places:
+    if not any(curve.shows for curve in curves):
         return None
+    places = distinct(curves)[:MOST]
     begun = [_begin(fit.candidate, place, parts) for place in places]
     tried = sorted(search_all(begun, parts, SHORT, fit), key=lambda one: one.cost)
     fits = tried[:KEPT]
@@ -68,7 +68,7 @@ def find_curve(fit: Fit, parts: Sequence[Part], unseen: Sequence[Part],
         fits = list(search_all([_spread(one.candidate, parts) for one in fits], parts, LONG))
     scores = criterion(fits)
     first, *rest = sorted(range(len(fits)), key=lambda k: scores[k])
-    p_value = gain_p_value(fit, fits[first], len(depends_on))
+    p_value = gain_p_value(fit, fits[first], len(curves))
     proof = _proof(fit, fits[first], unseen, seed)
     if p_value > LEVEL or not proof.low > 0.0:
         return None
@@ -76,8 +76,8 @@ def find_curve(fit: Fit, parts: Sequence[Part], unseen: Sequence[Part],
     return Found(fits[first], proof, p_value, tuple(sorted(others, key=lambda other: other[1])))
 
 
-def is_better(found: Found, named: Fit, depends_on: Sequence[Dependence],
-              unseen: Sequence[Part], seed: int) -> bool:
+def is_better(found: Found, named: Fit, curves: Sequence[Dependence], unseen: Sequence[Part],
+              seed: int) -> bool:
     """Whether one curve does clearly better than all effects that were named instead of it.
 
     On what was fitted, and on what was not. Not where one of these is a law of the same signal
@@ -86,11 +86,11 @@ def is_better(found: Found, named: Fit, depends_on: Sequence[Dependence],
     Args:
         found: a curve on the model before.
         named: the model with effects.
-        depends_on: what the residual of the model before depends on.
+        curves: what each explains of the residual of the model before.
         unseen: what was not fitted.
         seed: of the bootstrap.
     """
-    shares = {(d.port, d.signal): d.share for d in depends_on}
+    shares = {(curve.port, curve.signal): curve.share for curve in curves}
     here = shares[found.placed.port, found.placed.effect.reads[0]]
     for placed in named.candidate.effects:
         reads = placed.effect.reads or ('value',)
@@ -107,14 +107,14 @@ def _proof(before: Fit, after: Fit, unseen: Sequence[Part], seed: int) -> Improv
                        [after.candidate.residual(p) for p in unseen], seed)
 
 
-def distinct(depends_on: Sequence[Dependence]) -> list[Dependence]:
-    """Leave out dependences that are the same as another but for a factor, as flow and opening.
+def distinct(curves: Sequence[Dependence]) -> list[Dependence]:
+    """Leave out curves that are the same as another but for a factor, as flow and opening.
 
     Of the value of a port and a signal the latter is kept, which says more.
     """
     kept: list[Dependence] = []
-    for dependence in sorted(depends_on, key=lambda d: d.signal == 'value'):
-        if all(abs(dependence.share - other.share) > ALIKE * other.share for other in kept):
+    for dependence in sorted(curves, key=lambda d: d.signal == 'value'):
+        if all(abs(dependence.share - other.share) > ALIKE * abs(other.share) for other in kept):
             kept.append(dependence)
     return sorted(kept, key=lambda d: -d.share)
 

@@ -48,6 +48,11 @@ class Dependence:
     knots: FloatArray
     curve: FloatArray
 
+    @property
+    def shows(self) -> bool:
+        """Whether noise would hardly explain as much."""
+        return self.p_value <= LEVEL and self.share >= WORTH
+
 
 def to_output(candidate: Candidate) -> DifferenceEquation:
     """Difference equation from what is added at each port to the output, linear laws only."""
@@ -72,6 +77,11 @@ def dependences(fit: Fit, parts: Sequence[Part]) -> list[Dependence]:
     Only dependences are returned that foretell blocks of the residual that they were not fitted
     to, more than noise would.
     """
+    return [curve for curve in free_curves(fit, parts) if curve.shows]
+
+
+def free_curves(fit: Fit, parts: Sequence[Part]) -> list[Dependence]:
+    """List what a free curve explains at every port over every signal there, the most first."""
     candidate = fit.candidate
     carry = to_output(candidate)
     observed = _observe(candidate, parts)
@@ -88,11 +98,8 @@ def dependences(fit: Fit, parts: Sequence[Part]) -> list[Dependence]:
         columns = np.concatenate([_carried(hats(seen[:, row], knots), filter_, carry.a)
                                   for seen in observed])
         weights, share, p_value = explained(columns, fit.residual, basis)
-        p_value = min(1.0, p_value * len(groups))
-        if p_value > LEVEL or share < WORTH:
-            continue
-        found.append(Dependence(candidate.plant.ports[port], name, share, p_value, knots,
-                                weights))
+        found.append(Dependence(candidate.plant.ports[port], name, share,
+                                min(1.0, p_value * len(groups)), knots, weights))
     return sorted(found, key=lambda d: -d.share)
 
 

@@ -29,7 +29,7 @@ from hydro_twin.residual.noise import is_white, Line, lines, noise_floor
 from hydro_twin.residual.proof import Improvement, improvement
 from hydro_twin.residual.screen import Hidden, hidden
 from hydro_twin.residual.select import contend, search, stretches
-from hydro_twin.residual.structure import Dependence, dependences, drift, foretold
+from hydro_twin.residual.structure import Dependence, dependences, drift, foretold, free_curves
 
 AT_LAST = 60_000        # samples of a recording that was thinned, fitted whole in the end
 EVERY = 1000            # effects fitted in full in the first round
@@ -194,13 +194,14 @@ def _with_curve(chain: Chain, base: Fit, ground: Ground) -> tuple[Chain, Found |
         The chain, or one without its effects, and the curve on top of it, if one helps.
     """
     parts, unseen, seed = ground.parts, ground.unseen, ground.seed
-    depends_on = dependences(chain.fit, parts)
-    if chain.findings and (depends_on or foretold(chain.fit, parts)[1] < LIKELY):
-        at_first = dependences(base, parts)
+    curves = free_curves(chain.fit, parts)
+    if chain.findings and (any(curve.shows for curve in curves)
+                           or foretold(chain.fit, parts)[1] < LIKELY):
+        at_first = free_curves(base, parts)
         alone = find_curve(base, parts, unseen, at_first, seed)
         if alone and is_better(alone, chain.fit, at_first, unseen, seed):
             return Chain(base), alone
-    return chain, find_curve(chain.fit, parts, unseen, depends_on, seed)
+    return chain, find_curve(chain.fit, parts, unseen, curves, seed)
 
 
 def _on_all(found: Found, after: Fit, sample_time: float, parts: Sequence[Part],

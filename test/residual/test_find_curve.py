@@ -6,12 +6,12 @@ from traced_rig import fitted, record
 from hydro_twin.effects.curve import values
 from hydro_twin.residual.curve import find_curve
 from hydro_twin.residual.passing import passing
-from hydro_twin.residual.structure import dependences
+from hydro_twin.residual.structure import free_curves
 
 
 def found(*effects):
     fit, train, test = fitted(record(*effects))
-    return find_curve(fit, train, test, dependences(fit, train), 0)
+    return find_curve(fit, train, test, free_curves(fit, train), 0)
 
 
 def test_a_linear_rig_has_none():
@@ -25,7 +25,7 @@ def test_a_linear_rig_has_none():
 ])
 def test_is_the_law_but_for_a_straight_line(law, ports, shape):
     fit, train, test = fitted(record(law))
-    curve = find_curve(fit, train, test, dependences(fit, train), 0)
+    curve = find_curve(fit, train, test, free_curves(fit, train), 0)
     placed = curve.placed
     assert placed.port.name in ports
     assert placed.effect.reads[0] in {'value', 'opening', 'twist'}
