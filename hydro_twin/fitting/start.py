@@ -54,8 +54,10 @@ def find_start(system: System, response: FloatArray, inputs: FloatArray, measure
         """Return how far an output missed by one moves the state, (n, N)."""
         if not (np.isfinite(columns).all() and np.isfinite(missed).all()):
             return np.zeros(columns.T.shape)
-        normal = columns.T @ columns + (held * size) ** 2 * np.eye(len(x))
-        moved: FloatArray = scale[:, None] * np.linalg.solve(normal, columns.T)
+        normal = columns.T @ columns
+        ridge = (held * size) ** 2 + 1e-12 * np.trace(normal)
+        moved: FloatArray = scale[:, None] * np.linalg.solve(
+            normal + max(ridge, 1e-300) * np.eye(len(x)), columns.T)
         return moved
 
     def step(columns: FloatArray, held: float, enough: float) -> bool:

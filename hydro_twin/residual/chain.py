@@ -3,6 +3,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
+from itertools import islice
 
 import numpy as np
 
@@ -66,21 +67,62 @@ class Chain:
 
 @dataclass(frozen=True)
 class Ground:
-    """What chains grow on: the parts that are fitted, and those that are not."""
+    """What chains grow on, and what is known of it.
+
+    Attributes:
+        parts: what is fitted.
+        unseen: what is not.
+        contended: the contenders that had their turn on top of a fit.
+        fits: the best fit with each set of effects.
+    """
 
     parts: Sequence[Part]
     unseen: Sequence[Part]
     seed: int
     progress: Callable[[str], None]
-    known: dict[frozenset[str], list[Contender]] = field(default_factory=dict)
+    contended: dict[tuple[frozenset[str], int, int], list[Contender]] = field(
+        default_factory=dict)
+    fits: dict[frozenset[str], Fit] = field(default_factory=dict)
 
     def contend(self, fit: Fit, most: int) -> list[Contender]:
         """Fit effects on top of a fit, unless one with the same unknowns had its turn."""
-        key = frozenset([f'{most} {len(fit.unknowns)}', *(
-            f'{p.effect.id} {p.port.kind} {p.port.name}' for p in fit.candidate.effects)])
-        if key not in self.known:
-            self.known[key] = contend(fit, self.parts, most, False, self.progress)
-        return self.known[key]
+        key = (_effects_of(fit.candidate), len(fit.unknowns), most)
+        if key not in self.contended:
+            self.contended[key] = contend(fit, self.parts, most, False, self.progress)
+            for contender in self.contended[key]:
+                self.remember(contender.fit)
+        return self.contended[key]
+
+    def remember(self, fit: Fit) -> None:
+        """Keep a fit, unless a better one with the same effects is known."""
+        key = _effects_of(fit.candidate)
+        if key not in self.fits or fit.cost < self.fits[key].cost:
+            self.fits[key] = fit
+
+    def without(self, chain: Chain, findings: Sequence[Finding]) -> list[Fit]:
+        """Take each effect out by itself, and fit the rest again.
+
+        From where it stands and from where the best fit with the same effects stood: what an
+        effect had drawn the others to is no good place to do without it.
+        """
+        starts = []
+        for found in findings:
+            effects = list(chain.fit.candidate.effects)
+            del effects[found.index]
+            bare = replace(chain.fit.candidate, effects=tuple(effects))
+            known = self.fits.get(_effects_of(bare))
+            starts.append([bare] + ([replace(known.candidate, substeps=bare.substeps)]
+                                    if known else []))
+        fits = search_all([start for some in starts for start in some], self.parts, 40)
+        best = [min(islice(fits, len(some)), key=lambda fit: fit.cost) for some in starts]
+        for fit in best:
+            self.remember(fit)
+        return best
+
+
+def _effects_of(candidate: Candidate) -> frozenset[str]:
+    """Name the effects of a candidate with their ports."""
+    return frozenset(f'{p.effect.id} {p.port.kind} {p.port.name}' for p in candidate.effects)
 
 
 def grow(base: Fit, contenders: Sequence[Contender], ground: Ground) -> Chain:
@@ -107,6 +149,8 @@ def grow(base: Fit, contenders: Sequence[Contender], ground: Ground) -> Chain:
         if chain.findings and _nearest(found, first.id) < CLEARLY:
             break                           # what one law leaves is no evidence for just any other
         better = finely(first.fit, ground.parts, FINE_ENOUGH)
+        ground.remember(fit)
+        ground.remember(better)
         chain = _exchange(Chain(better, (*chain.findings, found)), ground)
         if len(chain.findings) == MOST:
             break
@@ -146,7 +190,7 @@ def _proven(chain: Chain, alone: Fit, ground: Ground) -> Chain:
     """
     if not chain.findings:
         return chain
-    bare = _without_each(chain, ground)
+    bare = ground.without(chain, chain.findings)
     if len(bare) == 1:
         bare = [min(bare[0], alone, key=lambda fit: fit.cost)]
     after = [chain.fit.candidate.residual(part) for part in ground.unseen]
@@ -177,7 +221,7 @@ def supported(chain: Chain, alone: Fit, ground: Ground) -> Chain:
     left = several and chain.fit.error > NOISY * noise_floor(stretches(chain.fit))
     if not chain.findings or not (left or foretold(chain.fit, ground.parts)[1] < TOLD):
         return chain
-    bare = _without_each(chain, ground) if several else [alone]
+    bare = ground.without(chain, chain.findings) if several else [alone]
     shares = [explained_share(fit, chain.fit) for fit in bare]
     least = int(np.argmin(shares))
     if shares[least] >= ENOUGH:
@@ -189,19 +233,6 @@ def explained_share(before: Fit, after: Fit) -> float:
     """Share of the mean square error above the noise that a later fit takes off."""
     floor = noise_floor(stretches(after))
     return (before.error**2 - after.error**2) / max(before.error**2 - floor**2, 1e-300)
-
-
-def _without_each(chain: Chain, ground: Ground) -> list[Fit]:
-    """Take each effect out by itself, and fit the rest again."""
-    bare = [_bare(chain, found) for found in chain.findings]
-    return list(search_all(bare, ground.parts, 40))
-
-
-def _bare(chain: Chain, found: Finding) -> Candidate:
-    """Take an effect out."""
-    effects = list(chain.fit.candidate.effects)
-    del effects[found.index]
-    return replace(chain.fit.candidate, effects=tuple(effects))
 
 
 def _others(chain: Chain, k: int) -> tuple[Finding, ...]:
@@ -247,8 +278,7 @@ def _exchange(chain: Chain, ground: Ground) -> Chain:
     """
     for k, found in enumerate(chain.findings[:-1]):
         placed = chain.fit.candidate.effects[found.index]
-        without = search(_bare(chain, found), ground.parts, 40)
-        rest = _others(chain, k)
+        (without,), rest = ground.without(chain, [found]), _others(chain, k)
         with_it, bare = criterion([chain.fit, without])
         if bare < with_it + CLEARLY or share(without, chain.fit) < WORTH:
             return _exchange(Chain(without, rest), ground)
