@@ -11,8 +11,8 @@ from hydro_twin.predictors.system import System
 
 START = 50              # samples at the begin of a part that set its state, and are not scored
 MOVES = 0.5             # of the mean square that rest misses: less is left by a start in motion
-NEARER = 0.98           # of the mean square missed: more is left by the last step of a search
-STEPS = 12              # of that search
+NEARER = 0.9            # of the mean square missed: more is left by the last step of a search
+STEPS = 8               # of that search
 HELD = 0.01             # cost of a deviation from rest, over that of as large an output
 DAMPED = (HELD, 0.3, 10.0)      # and of one from the last step
 

@@ -100,8 +100,8 @@ def trace(recording: Recording, test: Recording | None, plant: Plant,
     Args:
         recording: what is fitted.
         test: what is not, and judges. None: the first third of every series of the recording.
-            Where the model fails there, more happens than in the rest, as in a sweep that begins
-            slowly; then the first sixth, and the second is fitted.
+            Where no effect is found and the model fails there, more happens than in the rest, as
+            in a sweep that begins slowly; then the first sixth, and the second is fitted.
         plant: the plant.
         constants: of the rig, where they differ from the plant's defaults.
         model: where to start, instead of a fresh fit of the linear plant.
@@ -116,7 +116,8 @@ def trace(recording: Recording, test: Recording | None, plant: Plant,
     for nth in (FIRST, LESS):
         found = replace(_trace(*split(recording, nth), plant, constants, model, seed, progress),
                         tested=nth)
-        if not found.is_stranger or max(map(len, recording.series)) < LESS * 2 * START:
+        too_short = max(map(len, recording.series)) < LESS * 2 * START
+        if found.findings or not found.is_stranger or too_short:
             break
     return found
 
