@@ -18,6 +18,7 @@ from hydro_twin.residual.trace import FIRST, LESS, Trace
 from hydro_twin.residual.verdict import (
     CLOSE,
     drifts,
+    is_loud,
     is_structured,
     Judged,
     LIKELY,
@@ -123,6 +124,9 @@ def remainder_sentence(trace: Trace) -> str:
         parts.append(f'on data that was not fitted the error is '
                      f'{trace.unseen / trace.after.error:.1f} times as large: something happens '
                      f'there that does not in the data that was')
+    if not parts and is_loud(trace):
+        parts.append(f'it is {trace.after.error / trace.floor:.0f} times as large as the noise, '
+                     f'but depends on nothing that can be seen at the ports')
     if not parts and is_structured(trace, LIKELY):
         parts.append(f'{trace.foretold[0]:.0%} of what is left follows what happens at the ports, '
                      f'by no single curve')

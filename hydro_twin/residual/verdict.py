@@ -11,6 +11,7 @@ FAR = 100.0             # and from which a rival is no longer near
 LEFT = 0.01             # share of what is left, foretold by the ports, that makes a law wrong
 LIKELY = 0.05           # p-value of that
 DRIFTS = 0.02           # share of what is left in a drift from which it is said
+LOUD = 4.0              # error over that of the noise, beyond which it cannot all be noise
 TELLING = 3000.0        # power explained over the noise's, to tell a law from one a little off
 
 
@@ -62,7 +63,12 @@ def is_structured(trace: Trace, level: float) -> bool:
     """Whether what is left depends on anything, by tests at this level."""
     share, p_value = trace.foretold
     return bool(trace.depends_on or trace.lines or drifts(trace) or trace.is_stranger
-                or (p_value < level and share > LEFT))
+                or is_loud(trace) or (p_value < level and share > LEFT))
+
+
+def is_loud(trace: Trace) -> bool:
+    """Whether more is left than noise that is even remotely white."""
+    return trace.after.error > LOUD * trace.floor
 
 
 def drifts(trace: Trace) -> bool:

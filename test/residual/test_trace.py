@@ -5,7 +5,7 @@ import math
 
 import numpy as np
 import pytest
-from traced_rig import PLANT, record
+from traced_rig import PLANT, record, VALUES
 import yaml
 
 from hydro_twin.commands.main import main
@@ -117,6 +117,29 @@ def test_a_long_recording_of_an_axis_that_integrates():
     assert named['bias']['offset'] == pytest.approx(3.0, rel=0.01)
     assert found.unseen < 1.1e-5
     assert [len(part.measured) for part in found.fitted] == [12_000]
+
+
+@pytest.mark.slow
+def test_what_happens_in_the_first_third_only_is_found():
+    """Then the first sixth tests, and the second is fitted."""
+    rng = np.random.default_rng(0)
+    series = []
+    for index in range(2):
+        f, phase = rng.uniform(0.5, 15.0, 8), rng.uniform(0, 2 * np.pi, 8)
+
+        def command(t, f=f, phase=phase):
+            size = np.where(t < 2.0, 0.3, 0.04) * -np.expm1(-(t / 0.1)**2)
+            return size * np.sin(2 * np.pi * np.outer(t, f) + phase).sum(axis=1)
+
+        one = simulate(PLANT, VALUES, [place('saturation', 'command', {
+            'lower': -0.4, 'upper': 0.4}, PLANT)], {'u_m': command, 'theta_d': np.zeros_like}, 6.0,
+            start=10_000_000_000 * (index + 1))
+        torque = one['T_g'] + 0.2 * rng.standard_normal(len(one))
+        series.append(replace(one, columns={**one.columns, 'T_g': torque}))
+    found = trace(Recording(tuple(series)), None, PLANT)
+    assert found.tested == 6
+    assert [p.effect.id for p in found.after.candidate.effects] == ['saturation']
+    assert found.unseen < 0.22
 
 
 @pytest.mark.slow
