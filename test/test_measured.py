@@ -4,6 +4,7 @@ from __future__ import annotations
 import json
 import os
 from pathlib import Path
+import re
 from typing import Any
 
 import numpy as np
@@ -88,13 +89,17 @@ def test_what_the_axis_lacks(shell: Shell, tmp_path: Path) -> None:
     found = shell('trace', train, '--test', test, '--plant', 'positioning', '-o', tmp_path / 'out')
     effects = {effect['id']: effect['parameters'] for effect in found['effects']}
     assert set(effects) == {'friction', 'bias'}
+    text = (DOCS / 'measured.md').read_text()
     for name, parameter, published in (('friction', 'coulomb', 20.39), ('bias', 'offset', 3.2)):
-        value, error = (effects[name][parameter][key] for key in ('value', 'std_error'))
+        value = effects[name][parameter]['value']
         assert value == pytest.approx(published, rel=0.15)
-        assert f'{value:.2f} +- {error:.2f} N' in (DOCS / 'measured.md').read_text()
-    before, after = (found[when]['free_run']['test'] for when in ('before', 'after'))
-    assert f'falls from {millimetres(before, 1)} to {millimetres(after, 2)} mm' in \
-        (DOCS / 'measured.md').read_text()
+        # The last digits of a rough fit are the processor's; the error that is given is not.
+        says, = re.findall(rf'{name} of (\S+) \+- (\S+) N', text)
+        assert value == pytest.approx(float(says[0]), abs=float(says[1]))
+    before, after = (1e3 * found[when]['free_run']['test'] for when in ('before', 'after'))
+    says, = re.findall(r'test file falls from (\S+) to (\S+) mm', text)
+    assert (before, after) == (pytest.approx(float(says[0]), rel=0.01),
+                               pytest.approx(float(says[1]), rel=0.05))
 
 
 def test_cylinder(shell: Shell, tmp_path: Path) -> None:
@@ -140,10 +145,11 @@ def test_leg(shell: Shell, tmp_path: Path) -> None:
           '--map', maps / 'leg.yaml')
     found = shell('trace', tmp_path / 'leg', '--plant', 'load_simulator', '--config',
                   maps / 'leg_rig.yaml', '-o', tmp_path / 'out')
-    assert found['verdict'] == 'unexplained'
+    assert [(effect['id'], effect['certain']) for effect in found['effects']] == [
+        ('hysteresis', False)]
     assert (found['found']['port'], found['found']['signal']) == ('flow', 'opening')
     documented('linear, of the shape', f'{found["before"]["free_run"]["test"]:.1f}')
-    documented('with the curve', f'{found["after"]["free_run"]["test"]:.2f}')
+    documented('with what is found', f'{found["after"]["free_run"]["test"]:.1f}')
 
 
 def test_live_on_the_played_recording(shell: Shell, tmp_path: Path, rig: Any) -> None:

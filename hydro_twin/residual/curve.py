@@ -80,8 +80,8 @@ def is_better(found: Found, named: Fit, curves: Sequence[Dependence], unseen: Se
               seed: int) -> bool:
     """Whether one curve does clearly better than all effects that were named instead of it.
 
-    On what was fitted, and on what was not. Not where one of these is a law of the same signal
-    at the same place, which the curve only draws more finely.
+    On what was fitted, and not clearly worse on what was not. Not where one of these is a law of
+    the same signal at the same place, which the curve only draws more finely.
 
     Args:
         found: a curve on the model before.
@@ -98,7 +98,7 @@ def is_better(found: Found, named: Fit, curves: Sequence[Dependence], unseen: Se
         if len(reads) == 1 and abs(there - here) <= ALIKE * here:
             return False
     with_curve, with_names = criterion([found.fit, named])
-    return with_curve < with_names - CLEARLY and _proof(named, found.fit, unseen, seed).low > 0.0
+    return with_curve < with_names - CLEARLY and _proof(named, found.fit, unseen, seed).high > 0.0
 
 
 def _proof(before: Fit, after: Fit, unseen: Sequence[Part], seed: int) -> Improvement:
