@@ -7,6 +7,7 @@ from itertools import islice
 
 import numpy as np
 
+from hydro_twin.effects import Placed
 from hydro_twin.fitting.candidate import Candidate, Part
 from hydro_twin.fitting.free_run import Fit
 from hydro_twin.predictors.scores import rms
@@ -109,10 +110,12 @@ class Ground:
         for found in findings:
             effects = list(chain.fit.candidate.effects)
             del effects[found.index]
-            bare = replace(chain.fit.candidate, effects=tuple(effects))
-            known = self.fits.get(_effects_of(bare))
-            starts.append([bare] + ([replace(known.candidate, substeps=bare.substeps)]
-                                    if known else []))
+            starts.append([replace(chain.fit.candidate, effects=tuple(effects))])
+            if known := self.fits.get(_effects_of(starts[-1][0])):
+                placed = {_name(p): p for p in known.candidate.effects}
+                starts[-1].append(replace(
+                    known.candidate, substeps=chain.fit.candidate.substeps,
+                    effects=tuple(placed[_name(p)] for p in effects)))
         fits = search_all([start for some in starts for start in some], self.parts, 40)
         best = [min(islice(fits, len(some)), key=lambda fit: fit.cost) for some in starts]
         for fit in best:
@@ -121,8 +124,13 @@ class Ground:
 
 
 def _effects_of(candidate: Candidate) -> frozenset[str]:
-    """Name the effects of a candidate with their ports."""
-    return frozenset(f'{p.effect.id} {p.port.kind} {p.port.name}' for p in candidate.effects)
+    """Name the effects of a candidate with their ports, in whatever order."""
+    return frozenset(map(_name, candidate.effects))
+
+
+def _name(placed: Placed) -> str:
+    """Name an effect with its port."""
+    return f'{placed.effect.id} {placed.port.kind} {placed.port.name}'
 
 
 def grow(base: Fit, contenders: Sequence[Contender], ground: Ground) -> Chain:

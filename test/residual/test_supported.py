@@ -55,3 +55,20 @@ def test_data_that_were_not_fitted_are_likelier_with_what_is_there(both):
     assert likelihood_gain(before, after) == pytest.approx(n * np.log(ratio), rel=0.05)
     assert likelihood_gain(after, after) == 0.0
     assert likelihood_gain(stretches(chain.fit), stretches(alone)) < 0.0
+
+
+def test_the_best_fit_without_an_effect_is_remembered_in_the_order_of_the_chain(both):
+    """What an effect had drawn the others to is no good place to do without it."""
+    chain, _, ground = grown(both, FRICTION, BIAS)
+    swapped = grown(both, BIAS, FRICTION)[0].fit
+    astray = replace(chain.fit.candidate, effects=(
+        *(place(name, port, {parameter: 1e3 * value}, PLANT)
+          for name, port, parameter, value in (('friction', 'motor', 'coulomb', 10.0),
+                                               ('bias', 'motor', 'offset', 2.0))),
+        place('leakage', 'leakage', {'flow': 1e-9, 'exponent': 0.5}, PLANT)))
+    third = Finding(2, 0.0, 0.5, ())
+    lost = Chain(replace(chain.fit, candidate=astray), (*chain.findings, third))
+    ground.remember(swapped)
+    fit, = ground.without(lost, [third])
+    assert [placed.effect.id for placed in fit.candidate.effects] == ['friction', 'bias']
+    assert fit.error == pytest.approx(swapped.error, rel=1e-3)
