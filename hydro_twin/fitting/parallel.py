@@ -32,12 +32,13 @@ def in_processes[T, R](function: Callable[[T], R], arguments: Sequence[T]) -> It
     if _workers(arguments) < 2:
         yield from map(function, arguments)
         return
-    with warnings.catch_warnings():
-        # Of other threads; the calls take none of the locks that those might hold.
-        warnings.filterwarnings('ignore', '.*use of fork', DeprecationWarning)
-        with ProcessPoolExecutor(_workers(arguments), get_context('fork'), _begin,
-                                 (lambda k: function(arguments[k]),)) as pool:
-            yield from pool.map(_do, range(len(arguments)))
+    with ProcessPoolExecutor(_workers(arguments), get_context('fork'), _begin,
+                             (lambda k: function(arguments[k]),)) as pool:
+        with warnings.catch_warnings():
+            # Of other threads; the calls take none of the locks that those might hold.
+            warnings.filterwarnings('ignore', '.*use of fork', DeprecationWarning)
+            results = pool.map(_do, range(len(arguments)))      # forks
+        yield from results
 
 
 def _workers(arguments: Sequence[Any]) -> int:
