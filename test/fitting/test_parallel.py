@@ -1,5 +1,6 @@
 """Work spread over the cores."""
 import os
+import signal
 import subprocess
 import sys
 
@@ -50,3 +51,4 @@ list(in_processes(run, range(4)))
         process.stdout.readline()
         process.kill()
         process.communicate(timeout=20)     # until none holds the pipe
+    assert process.returncode == -signal.SIGKILL
