@@ -11,7 +11,7 @@ from hydro_twin.effects.curve import curve, KNOTS, values
 from hydro_twin.fitting.candidate import Candidate, Part
 from hydro_twin.fitting.free_run import Fit
 from hydro_twin.residual.passing import passing
-from hydro_twin.residual.proof import Improvement, improvement
+from hydro_twin.residual.proof import Improvement, proof
 from hydro_twin.residual.select import CLEARLY, criterion, far, gain_p_value, search_all
 from hydro_twin.residual.structure import Dependence
 
@@ -69,11 +69,11 @@ def find_curve(fit: Fit, parts: Sequence[Part], unseen: Sequence[Part],
     scores = criterion(fits)
     first, *rest = sorted(range(len(fits)), key=lambda k: scores[k])
     p_value = gain_p_value(fit, fits[first], len(curves))
-    proof = _proof(fit, fits[first], unseen, seed)
-    if p_value > LEVEL or not proof.low > 0.0:
+    helps = proof(fit, fits[first], unseen, seed)
+    if p_value > LEVEL or not helps.low > 0.0:
         return None
     others = [(fits[k].candidate.effects[-1], scores[k] - scores[first]) for k in rest]
-    return Found(fits[first], proof, p_value, tuple(sorted(others, key=lambda other: other[1])))
+    return Found(fits[first], helps, p_value, tuple(sorted(others, key=lambda other: other[1])))
 
 
 def is_better(found: Found, named: Fit, curves: Sequence[Dependence], unseen: Sequence[Part],
@@ -98,13 +98,7 @@ def is_better(found: Found, named: Fit, curves: Sequence[Dependence], unseen: Se
         if len(reads) == 1 and abs(there - here) <= ALIKE * here:
             return False
     with_curve, with_names = criterion([found.fit, named])
-    return with_curve < with_names - CLEARLY and _proof(named, found.fit, unseen, seed).high > 0.0
-
-
-def _proof(before: Fit, after: Fit, unseen: Sequence[Part], seed: int) -> Improvement:
-    """Compare two fits on what was not fitted."""
-    return improvement([before.candidate.residual(p) for p in unseen],
-                       [after.candidate.residual(p) for p in unseen], seed)
+    return with_curve < with_names - CLEARLY and proof(named, found.fit, unseen, seed).high > 0.0
 
 
 def distinct(curves: Sequence[Dependence]) -> list[Dependence]:

@@ -6,6 +6,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from hydro_twin.fitting.candidate import Part
+from hydro_twin.fitting.free_run import Fit
 from hydro_twin.plants.plant import FloatArray
 
 BLOCK = 50              # samples, longer than the memory of the plants' errors
@@ -44,3 +46,9 @@ def improvement(before: Sequence[FloatArray], after: Sequence[FloatArray], seed:
     low, high = np.quantile(1.0 - drawn[:, 1] / np.maximum(drawn[:, 0], 1e-300), [0.01, 0.99])
     total = sums.sum(axis=0)
     return Improvement(float(1.0 - total[1] / max(total[0], 1e-300)), float(low), float(high))
+
+
+def proof(before: Fit, after: Fit, unseen: Sequence[Part], seed: int) -> Improvement:
+    """Compare two fits on parts that neither was fitted to."""
+    return improvement([before.candidate.residual(part) for part in unseen],
+                       [after.candidate.residual(part) for part in unseen], seed)

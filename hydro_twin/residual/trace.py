@@ -26,7 +26,7 @@ from hydro_twin.residual.chain import (
 from hydro_twin.residual.curve import find_curve, Found, is_better
 from hydro_twin.residual.excerpt import excerpt, harmless_factor, resampled, thin
 from hydro_twin.residual.noise import is_white, Line, lines, noise_floor
-from hydro_twin.residual.proof import Improvement, improvement
+from hydro_twin.residual.proof import Improvement, proof
 from hydro_twin.residual.screen import Hidden, hidden
 from hydro_twin.residual.select import contend, search, stretches
 from hydro_twin.residual.structure import Dependence, dependences, drift, foretold, free_curves
@@ -172,8 +172,7 @@ def _trace(train: Recording, test: Recording, plant: Plant,
     return Trace(
         plant=plant, before=before, after=after, train=whole, test=unseen, fitted=fine,
         hidden=tuple(hidden(after, fine)), findings=chain.findings,
-        proof=improvement([before.candidate.residual(p) for p in unseen],
-                          [final.candidate.residual(p) for p in unseen], seed),
+        proof=proof(before, final, unseen, seed),
         unseen=rms(np.concatenate([after.candidate.fitted_residual(p) for p in elsewhere])),
         floor=noise_floor(pieces), white=is_white(pieces),
         lines=tuple(lines(pieces, sample_time)),
@@ -209,9 +208,8 @@ def _on_all(found: Found, after: Fit, sample_time: float, parts: Sequence[Part],
             unseen: Sequence[Part], seed: int) -> Found | None:
     """Fit a curve to all samples; None if it does not help there, where nothing was fitted."""
     fit = _as_recorded(found.fit, sample_time, parts)
-    proof = improvement([after.candidate.residual(p) for p in unseen],
-                        [fit.candidate.residual(p) for p in unseen], seed)
-    return replace(found, fit=fit, proof=proof) if proof.low > 0.0 else None
+    helps = proof(after, fit, unseen, seed)
+    return replace(found, fit=fit, proof=helps) if helps.low > 0.0 else None
 
 
 def _as_recorded(fit: Fit, sample_time: float, parts: Sequence[Part]) -> Fit:
