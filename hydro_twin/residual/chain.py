@@ -12,7 +12,7 @@ from hydro_twin.fitting.candidate import Candidate, Part
 from hydro_twin.fitting.free_run import Fit
 from hydro_twin.predictors.scores import rms
 from hydro_twin.residual.noise import noise_floor
-from hydro_twin.residual.proof import improvement
+from hydro_twin.residual.proof import improvement, residuals
 from hydro_twin.residual.select import (
     CLEARLY,
     contend,
@@ -201,10 +201,10 @@ def _proven(chain: Chain, alone: Fit, ground: Ground) -> Chain:
     bare = ground.without(chain, chain.findings)
     if len(bare) == 1:
         bare = [min(bare[0], alone, key=lambda fit: fit.cost)]
-    after = [chain.fit.candidate.residual(part) for part in ground.unseen]
+    after = residuals(chain.fit, ground.unseen)
     fails = {}
     for k, fit in enumerate(bare):
-        before = [fit.candidate.residual(part) for part in ground.unseen]
+        before = residuals(fit, ground.unseen)
         helps = improvement(before, after, ground.seed).low
         if not (helps > 0.0 or likelihood_gain(before, after) > FORETOLD):
             fails[k] = helps

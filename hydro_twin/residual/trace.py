@@ -26,7 +26,7 @@ from hydro_twin.residual.chain import (
 from hydro_twin.residual.curve import find_curve, Found, is_better
 from hydro_twin.residual.excerpt import excerpt, harmless_factor, resampled, thin
 from hydro_twin.residual.noise import is_white, Line, lines, noise_floor
-from hydro_twin.residual.proof import Improvement, proof
+from hydro_twin.residual.proof import Improvement, improvement, proof, residuals
 from hydro_twin.residual.screen import Hidden, hidden
 from hydro_twin.residual.select import contend, search, stretches
 from hydro_twin.residual.structure import Dependence, dependences, drift, foretold, free_curves
@@ -172,8 +172,9 @@ def _trace(train: Recording, test: Recording, plant: Plant,
     return Trace(
         plant=plant, before=before, after=after, train=whole, test=unseen, fitted=fine,
         hidden=tuple(hidden(after, fine)), findings=chain.findings,
-        proof=proof(before, final, unseen, seed),
-        unseen=rms(np.concatenate([after.candidate.fitted_residual(p) for p in elsewhere])),
+        proof=improvement([before.candidate.residual(part) for part in unseen],
+                          [final.candidate.residual(part) for part in unseen], seed),
+        unseen=rms(np.concatenate(residuals(after, elsewhere))),
         floor=noise_floor(pieces), white=is_white(pieces),
         lines=tuple(lines(pieces, sample_time)),
         depends_on=tuple(dependences(after, fine)), drifts=drift(after),
