@@ -7,20 +7,24 @@ from hydro_twin.effects.effect import Effect, EffectParameter, Span, Starts
 
 @compiled
 def law(v, s, p, z, h, c, z_next):  # type: ignore[no-untyped-def]
-    """Pass nothing within +-width of the centre; beyond, what exceeds it [Merritt 1967, 5.3]."""
-    width, centre = p[0], p[1]
+    """Pass beyond +-width of the centre what exceeds it, within it a share [Merritt 1967, 5.3].
+
+    The share is that of a spool whose overlap does not seal.
+    """
+    width, centre, leak = p[0], p[1], p[2]
     w = v - centre
-    return w - min(max(w, -width), width)
+    return w - (1.0 - leak) * min(max(w, -width), width)
 
 
 def starts(span: Span) -> Starts:
     """Widths as shares of the largest value."""
-    return [(share * span.value, 0.0) for share in (0.01, 0.03, 0.08, 0.2, 0.4)]
+    return [(share * span.value, 0.0, 0.0) for share in (0.01, 0.03, 0.08, 0.2, 0.4)]
 
 
 def refined(span: Span, values: tuple[float, ...]) -> Starts:
-    """Move the zone off the middle."""
-    return [(values[0], 0.2 * values[0]), (values[0], -0.2 * values[0])]
+    """Move the zone off the middle; let it leak."""
+    width, centre, _ = values
+    return [(width, 0.2 * width, 0.0), (width, -0.2 * width, 0.0), (1.3 * width, centre, 0.2)]
 
 
 EFFECT = Effect(
@@ -30,6 +34,8 @@ EFFECT = Effect(
     parameters=(
         EffectParameter('width', 'half width of the zone', 'value', 1e-12, 1e9),
         EffectParameter('centre', 'middle of the zone', 'value', -1e9, 1e9, log=False,
+                        refinement=0.0),
+        EffectParameter('leak', 'share that passes within the zone', '1', 0.0, 0.9, log=False,
                         refinement=0.0),
     ),
     starts=starts,

@@ -9,8 +9,9 @@ from jinja2 import Environment, PackageLoader, StrictUndefined
 
 from hydro_twin.fitting.free_run import Fit
 from hydro_twin.report.chart import AFTER, BEFORE, Illustration, plain
+from hydro_twin.residual.chain import NEAR
 from hydro_twin.residual.trace import Trace
-from hydro_twin.residual.verdict import CLOSE, FAR, Verdict
+from hydro_twin.residual.verdict import CLOSE, Verdict
 
 NOT_KNOWN = '–'
 
@@ -43,7 +44,7 @@ def page(trace: Trace, verdict: Verdict, summary: Mapping[str, Any],
         provenance=provenance, illustrations=illustrations, series_parts=series_parts,
         found_figure=next((i.name for i in illustrations if i.name.startswith('found_')), ''),
         parts=f'parts fitted: {len(trace.train)}, held out to test: {len(trace.test)}',
-        colours={'before': BEFORE, 'after': AFTER}, close=CLOSE, far=FAR,
+        colours={'before': BEFORE, 'after': AFTER}, close=CLOSE, far=NEAR,
         data={item.name: plain(item) for item in illustrations})
 
 

@@ -20,6 +20,7 @@ from hydro_twin.residual.select import (
     criterion,
     gain_p_value,
     likelihood_gain,
+    refine,
     search,
     search_all,
     stretches,
@@ -29,13 +30,15 @@ from hydro_twin.residual.structure import foretold
 MOST = 3                # effects in a model
 LEVEL = 1e-3            # of a test, corrected for all that was tried
 WORTH = 0.01            # least share of the mean square error that the first effect takes off
-MORE = 0.06             # and each after it
+MORE = 0.06             # and each after it, unless it settles what is left
 FINE = 0.2              # largest error of the time stepping, as a share of the residual
 FINE_ENOUGH, FINEST = 8, 16     # steps in a sample, while a model grows and in the end
 ROUNDS = 8              # of adding an effect
 LATER, AGAIN = 8, 4     # effects fitted in full after the first round, and for an exchange
 ENOUGH = 0.5            # least share above the noise that each takes off, where something is left
 TOLD = 0.05             # p-value from which what is left follows what happens at the ports
+SURELY = 1e-4           # and from which it surely does
+NEAR = 100.0            # distance of the criterion within which a rival is near
 FORETOLD = 20.0         # twice the gain in log-likelihood of data not fitted that is no chance
 NOISY = 2.0             # error over the noise's, from which more than noise is left
 TRIED = 40              # starts tried in a round, for the correction
@@ -151,19 +154,43 @@ def grow(base: Fit, contenders: Sequence[Contender], ground: Ground) -> Chain:
         first, *others = contenders
         fit = without_last(chain.fit, first.fit, ground.parts)
         chain = replace(chain, fit=fit)
-        if not likely(fit, first.fit, MORE if chain.findings else WORTH):
+        if not likely(fit, first.fit, WORTH):
             break
         found = _finding(fit, first.fit, others, len(fit.candidate.effects))
-        if chain.findings and _nearest(found, first.id) < CLEARLY:
-            break                           # what one law leaves is no evidence for just any other
+        if chain.findings and not _earned(found, fit, first, ground.parts):
+            break
         better = finely(first.fit, ground.parts, FINE_ENOUGH)
         ground.remember(fit)
         ground.remember(better)
         chain = _exchange(Chain(better, (*chain.findings, found)), ground)
+        chain = _refined(chain, ground)
         if len(chain.findings) == MOST:
             break
         contenders = ground.contend(chain.fit, LATER)
     return _proven(chain, base, ground)
+
+
+def _earned(found: Finding, without: Fit, added: Contender, parts: Sequence[Part]) -> bool:
+    """Whether a later effect is more than what an earlier law does not quite fit.
+
+    What one law leaves is no evidence for just any other, so it must be clearly the best; and
+    take off much, or alone all of what followed the signals at the ports.
+    """
+    if _nearest(found, added.id) < CLEARLY:
+        return False
+    return found.share > MORE or (
+        _nearest(found, added.id) > NEAR and foretold(without, parts)[1] < SURELY
+        and foretold(added.fit, parts)[1] > TOLD)
+
+
+def _refined(chain: Chain, ground: Ground) -> Chain:
+    """Let in the refinements of earlier effects, which one that was lacking may have hidden."""
+    for found in chain.findings[:-1]:
+        fit = refine(chain.fit, ground.parts, found.index)
+        if fit.cost < chain.fit.cost:
+            ground.remember(fit)
+            chain = replace(chain, fit=fit)
+    return chain
 
 
 def without_last(base: Fit, better: Fit, parts: Sequence[Part]) -> Fit:
@@ -211,14 +238,15 @@ def _proven(chain: Chain, alone: Fit, ground: Ground) -> Chain:
     if not fails:
         return chain
     least = min(fails, key=lambda k: fails[k])
-    return _proven(Chain(bare[least], _others(chain, least)), alone, ground)
+    return _proven(Chain(bare[least], other_findings(chain, least)), alone, ground)
 
 
 def supported(chain: Chain, alone: Fit, ground: Ground) -> Chain:
     """Drop effects that explain less of what is left without them than they leave, if any is.
 
     What explains a part only is not what is missing. One effect is held to that where what is
-    left follows what happens at the ports; each of several, wherever more is left than noise.
+    left follows what happens at the ports; and wherever more is left than noise, each of several,
+    and one that has a rival near.
 
     Args:
         chain: a model that has grown.
@@ -226,7 +254,8 @@ def supported(chain: Chain, alone: Fit, ground: Ground) -> Chain:
         ground: the data.
     """
     several = len(chain.findings) > 1
-    left = several and chain.fit.error > NOISY * noise_floor(stretches(chain.fit))
+    doubtful = several or any(_nearest(f, _id(chain, f)) < NEAR for f in chain.findings)
+    left = doubtful and chain.fit.error > NOISY * noise_floor(stretches(chain.fit))
     if not chain.findings or not (left or foretold(chain.fit, ground.parts)[1] < TOLD):
         return chain
     bare = ground.without(chain, chain.findings) if several else [alone]
@@ -234,7 +263,7 @@ def supported(chain: Chain, alone: Fit, ground: Ground) -> Chain:
     least = int(np.argmin(shares))
     if shares[least] >= ENOUGH:
         return chain
-    return supported(Chain(bare[least], _others(chain, least)), alone, ground)
+    return supported(Chain(bare[least], other_findings(chain, least)), alone, ground)
 
 
 def explained_share(before: Fit, after: Fit) -> float:
@@ -243,7 +272,7 @@ def explained_share(before: Fit, after: Fit) -> float:
     return (before.error**2 - after.error**2) / max(before.error**2 - floor**2, 1e-300)
 
 
-def _others(chain: Chain, k: int) -> tuple[Finding, ...]:
+def other_findings(chain: Chain, k: int) -> tuple[Finding, ...]:
     """List the findings but one, as they are without its effect."""
     gone = chain.findings[k].index
     return tuple(replace(found, index=found.index - (found.index > gone))
@@ -257,6 +286,11 @@ def _finding(without: Fit, fit: Fit, others: Sequence[Contender], index: int) ->
         index=index, p_value=gain_p_value(without, fit, TRIED),
         share=share(without, fit),
         rivals=tuple((c, s - score) for c, s in zip(others, scores, strict=True)))
+
+
+def _id(chain: Chain, found: Finding) -> str:
+    """Name the effect of a finding."""
+    return chain.fit.candidate.effects[found.index].effect.id
 
 
 def _nearest(found: Finding, name: str) -> float:
@@ -286,7 +320,7 @@ def _exchange(chain: Chain, ground: Ground) -> Chain:
     """
     for k, found in enumerate(chain.findings[:-1]):
         placed = chain.fit.candidate.effects[found.index]
-        (without,), rest = ground.without(chain, [found]), _others(chain, k)
+        (without,), rest = ground.without(chain, [found]), other_findings(chain, k)
         with_it, bare = criterion([chain.fit, without])
         if bare < with_it + CLEARLY or share(without, chain.fit) < WORTH:
             return _exchange(Chain(without, rest), ground)

@@ -49,7 +49,7 @@ def improvement(before: Sequence[FloatArray], after: Sequence[FloatArray], seed:
 
 
 def residuals(fit: Fit, unseen: Sequence[Part]) -> list[FloatArray]:
-    """Return what is missed of parts that were not fitted, but for what the states at their starts missed.
+    """Return what is missed of parts that were not fitted, but for what their starts missed.
 
     Where a plant integrates, the error of a start that 50 samples show may be most of what is
     missed later. It says nothing of the laws.

@@ -34,6 +34,7 @@ from hydro_twin.residual.screen import places, Prospect, screen, spans
 AGAIN = 5               # effects, the best by their score, that start from two places
 KEPT = 4                # effects searched to the end
 SHORT, LONG = 10, 40     # evaluations of a search: to compare, to the end
+WITHIN = 3.0            # times the error of the best: no refinement makes up for more
 PROMISING = 20.0        # gain of the log-likelihood, twice, below which a score is chance
 
 
@@ -186,8 +187,9 @@ def finish(tried: Sequence[Fit], parts: Sequence[Part]) -> list[Contender]:
         last = fit.candidate.effects[-1]
         best.setdefault((last.effect.id, last.port.name), fit)
     ranked = sorted(best.values(), key=lambda fit: fit.cost)
-    longer = search_all([fit.candidate for fit in ranked[:KEPT]], parts, LONG)
-    done = [refine(fit, parts) for fit in longer]
+    longer = list(search_all([fit.candidate for fit in ranked[:KEPT]], parts, LONG))
+    near = WITHIN * min(fit.error for fit in longer) if longer else 0.0
+    done = [refine(fit, parts) if fit.error <= near else fit for fit in longer]
     fits = [fit for fit in done + ranked[KEPT:] if told(fit, parts)]
     if not fits:
         return []
@@ -195,16 +197,17 @@ def finish(tried: Sequence[Fit], parts: Sequence[Part]) -> list[Contender]:
     return [Contender(fits[k]) for k in order]
 
 
-def refine(fit: Fit, parts: Sequence[Part]) -> Fit:
-    """Let in the refinements of the last effect where the criterion is clearly better for it."""
-    last = fit.candidate.effects[-1]
-    if last.effect.refined is None:
+def refine(fit: Fit, parts: Sequence[Part], index: int = -1) -> Fit:
+    """Let in the refinements of an effect, the last or another, where they are clearly better."""
+    effects = fit.candidate.effects
+    placed = effects[index]
+    if placed.effect.refined is None:
         return fit
-    reach = spans(fit.candidate, parts)[last.port]
-    finer = [replace(fit.candidate, effects=(*fit.candidate.effects[:-1],
-                                             replace(last, values=tuple(values))))
-             for values in last.effect.refined(reach, last.values)]
-    forms = [fit, *search_all(finer, parts, SHORT, fit)]
+    reach = spans(fit.candidate, parts)[placed.port]
+    finer = [replace(fit.candidate, effects=tuple(
+        replace(placed, values=tuple(values)) if other is placed else other for other in effects))
+        for values in placed.effect.refined(reach, placed.values)]
+    forms = [fit, *search_all(finer, parts, SHORT)]
     scores = criterion(forms)
     best = int(np.argmin(scores))
     if scores[best] > scores[0] - CLEARLY:

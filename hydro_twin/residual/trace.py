@@ -20,6 +20,7 @@ from hydro_twin.residual.chain import (
     FINEST,
     Ground,
     grow,
+    other_findings,
     supported,
     without_last,
 )
@@ -28,7 +29,7 @@ from hydro_twin.residual.excerpt import excerpt, harmless_factor, resampled, thi
 from hydro_twin.residual.noise import is_white, Line, lines, noise_floor
 from hydro_twin.residual.proof import Improvement, improvement, proof, residuals
 from hydro_twin.residual.screen import Hidden, hidden
-from hydro_twin.residual.select import contend, search, stretches
+from hydro_twin.residual.select import CLEARLY, contend, criterion, search, stretches
 from hydro_twin.residual.structure import Dependence, dependences, drift, foretold, free_curves
 
 AT_LAST = 60_000        # samples of a recording that was thinned, fitted whole in the end
@@ -202,7 +203,23 @@ def _with_curve(chain: Chain, base: Fit, ground: Ground) -> tuple[Chain, Found |
         alone = find_curve(base, parts, unseen, at_first, seed)
         if alone and is_better(alone, chain.fit, at_first, unseen, seed):
             return Chain(base), alone
-    return chain, find_curve(chain.fit, parts, unseen, curves, seed)
+    found = find_curve(chain.fit, parts, unseen, curves, seed)
+    return _still_needed(chain, found, ground) if found else (chain, None)
+
+
+def _still_needed(chain: Chain, found: Found, ground: Ground) -> tuple[Chain, Found]:
+    """Withdraw what was named and the curve holds, as a bias that is the constant part of it."""
+    for k, finding in enumerate(chain.findings):
+        effects = list(found.fit.candidate.effects)
+        del effects[finding.index]
+        fit = search(replace(found.fit.candidate, effects=tuple(effects)), ground.parts, 25)
+        with_it, bare = criterion([found.fit, fit])
+        if bare < with_it + CLEARLY:
+            after = ground.without(chain, [finding])[0]
+            helps = proof(after, fit, ground.unseen, ground.seed)
+            return _still_needed(Chain(after, other_findings(chain, k)),
+                                 replace(found, fit=fit, proof=helps), ground)
+    return chain, found
 
 
 def _on_all(found: Found, after: Fit, sample_time: float, parts: Sequence[Part],

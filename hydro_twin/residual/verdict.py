@@ -3,11 +3,10 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from hydro_twin.residual.chain import Finding
+from hydro_twin.residual.chain import Finding, NEAR
 from hydro_twin.residual.trace import Trace
 
 CLOSE = 10.0            # distance of the criterion below which the data do not tell rivals apart
-FAR = 100.0             # and from which a rival is no longer near
 LEFT = 0.01             # share of what is left, foretold by the ports, that makes a law wrong
 LIKELY = 0.05           # p-value of that
 DRIFTS = 0.02           # share of what is left in a drift from which it is said
@@ -85,7 +84,7 @@ def _judge(trace: Trace, finding: Finding) -> Judged:
     return Judged(
         finding, placed.effect.id, placed.port.name,
         certain=telling > TELLING and not is_structured(trace, LIKELY)
-        and all(distance > FAR for _, distance in rivals),
+        and all(distance > NEAR for _, distance in rivals),
         elsewhere=tuple(contender.placed.port.name for contender, distance in finding.rivals
                         if contender.id == placed.effect.id and distance < CLOSE),
         rivals=rivals)
