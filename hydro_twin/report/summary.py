@@ -14,10 +14,10 @@ from hydro_twin.model import Estimate, FittedEffect, Model
 from hydro_twin.plants.difference_equation import characteristic
 from hydro_twin.plants.plant import FloatArray
 from hydro_twin.predictors.scores import rms
+from hydro_twin.residual.structure import drifts
 from hydro_twin.residual.trace import FIRST, LESS, Trace
 from hydro_twin.residual.verdict import (
     CLOSE,
-    drifts,
     is_loud,
     is_structured,
     Judged,
@@ -64,7 +64,7 @@ def summarise(trace: Trace, verdict: Verdict) -> dict[str, Any]:
             'depends_on': [{'port': d.port.name, 'signal': d.signal, 'share': d.share,
                             'p_value': d.p_value}
                            for d in trace.depends_on],
-            'drifts': drifts(trace),
+            'drifts': drifts(trace.drifts),
             'foretold': {'share': trace.foretold[0], 'p_value': trace.foretold[1]},
             'says': remainder_sentence(trace),
         },
@@ -118,7 +118,7 @@ def remainder_sentence(trace: Trace) -> str:
         what = 'value' if first.signal == 'value' else first.signal.replace('_', ' ')
         parts.append(f'it depends on the {what} at the {first.port.name} '
                      f'({first.share:.0%} of what is left)')
-    if drifts(trace):
+    if drifts(trace.drifts):
         parts.append('a parameter drifts over the recording')
     if trace.is_stranger:
         parts.append(f'on data that was not fitted the error is '

@@ -25,7 +25,7 @@ from hydro_twin.residual.select import (
     search_all,
     stretches,
 )
-from hydro_twin.residual.structure import foretold
+from hydro_twin.residual.structure import drift, drifts, foretold
 
 MOST = 3                # effects in a model
 LEVEL = 1e-3            # of a test, corrected for all that was tried
@@ -41,6 +41,7 @@ SURELY = 1e-4           # and from which it surely does
 NEAR = 100.0            # distance of the criterion within which a rival is near
 FORETOLD = 20.0         # twice the gain in log-likelihood of data not fitted that is no chance
 NOISY = 2.0             # error over the noise's, from which more than noise is left
+STRANGER = 1.2          # error on data not fitted, over that on data fitted, that is not chance
 TRIED = 40              # starts tried in a round, for the correction
 
 
@@ -244,26 +245,37 @@ def _proven(chain: Chain, alone: Fit, ground: Ground) -> Chain:
 def supported(chain: Chain, alone: Fit, ground: Ground) -> Chain:
     """Drop effects that explain less of what is left without them than they leave, if any is.
 
-    What explains a part only is not what is missing. One effect is held to that where what is
-    left follows what happens at the ports; and wherever more is left than noise, each of several,
-    and one that has a rival near.
+    What explains a part only is not what is missing.
 
     Args:
         chain: a model that has grown.
         alone: the fit without any of its effects.
         ground: the data.
     """
-    several = len(chain.findings) > 1
-    doubtful = several or any(_nearest(f, _id(chain, f)) < NEAR for f in chain.findings)
-    left = doubtful and chain.fit.error > NOISY * noise_floor(stretches(chain.fit))
-    if not chain.findings or not (left or foretold(chain.fit, ground.parts)[1] < TOLD):
+    if not chain.findings or not _leaves_something(chain, ground):
         return chain
-    bare = ground.without(chain, chain.findings) if several else [alone]
+    bare = ground.without(chain, chain.findings) if len(chain.findings) > 1 else [alone]
     shares = [explained_share(fit, chain.fit) for fit in bare]
     least = int(np.argmin(shares))
     if shares[least] >= ENOUGH:
         return chain
     return supported(Chain(bare[least], other_findings(chain, least)), alone, ground)
+
+
+def _leaves_something(chain: Chain, ground: Ground) -> bool:
+    """Whether what is left cannot be noise.
+
+    It follows what happens at the ports, or time, or is larger where nothing was fitted. With
+    several effects, or a rival near, it is enough that more is left than white noise: coloured
+    noise is, too, but they may be its doing.
+    """
+    fit = chain.fit
+    unseen = rms(np.concatenate(residuals(fit, ground.unseen)))
+    doubtful = len(chain.findings) > 1 or any(
+        _nearest(f, fit.candidate.effects[f.index].effect.id) < NEAR for f in chain.findings)
+    return (foretold(fit, ground.parts)[1] < TOLD or drifts(drift(fit))
+            or not unseen <= STRANGER * fit.error
+            or (doubtful and fit.error > NOISY * noise_floor(stretches(fit))))
 
 
 def explained_share(before: Fit, after: Fit) -> float:
@@ -286,11 +298,6 @@ def _finding(without: Fit, fit: Fit, others: Sequence[Contender], index: int) ->
         index=index, p_value=gain_p_value(without, fit, TRIED),
         share=share(without, fit),
         rivals=tuple((c, s - score) for c, s in zip(others, scores, strict=True)))
-
-
-def _id(chain: Chain, found: Finding) -> str:
-    """Name the effect of a finding."""
-    return chain.fit.candidate.effects[found.index].effect.id
 
 
 def _nearest(found: Finding, name: str) -> float:

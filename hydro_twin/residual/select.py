@@ -182,19 +182,43 @@ def far(candidate: Candidate, parts: Sequence[Part]) -> float:
 
 def finish(tried: Sequence[Fit], parts: Sequence[Part]) -> list[Contender]:
     """Search the best fits to the end, refine their last effects, and rank all of them."""
-    best: dict[tuple[str, str], Fit] = {}
-    for fit in sorted(tried, key=lambda fit: fit.cost):
-        last = fit.candidate.effects[-1]
-        best.setdefault((last.effect.id, last.port.name), fit)
-    ranked = sorted(best.values(), key=lambda fit: fit.cost)
+    ranked = best_at_each_place(tried)
     longer = list(search_all([fit.candidate for fit in ranked[:KEPT]], parts, LONG))
-    near = WITHIN * min(fit.error for fit in longer) if longer else 0.0
+    near = WITHIN * min((fit.error for fit in longer), default=0.0)
     done = [refine(fit, parts) if fit.error <= near else fit for fit in longer]
-    fits = [fit for fit in done + ranked[KEPT:] if told(fit, parts)]
+    for best in best_at_each_place(done)[:1]:
+        done += search_all(elsewhere(best.candidate, parts), parts, LONG)
+    fits = [fit for fit in best_at_each_place(done + ranked[KEPT:]) if told(fit, parts)]
     if not fits:
         return []
     order = np.argsort(criterion(fits), kind='stable')
     return [Contender(fits[k]) for k in order]
+
+
+def best_at_each_place(fits: Sequence[Fit]) -> list[Fit]:
+    """Keep the best fit with each last effect at each port, best first."""
+    best: dict[tuple[str, str], Fit] = {}
+    for fit in sorted(fits, key=lambda fit: fit.cost):
+        last = fit.candidate.effects[-1]
+        best.setdefault((last.effect.id, last.port.name), fit)
+    return list(best.values())
+
+
+def elsewhere(candidate: Candidate, parts: Sequence[Part]) -> list[Candidate]:
+    """Move the last effect to each other port that takes it, as strong as it is here.
+
+    From its own start the search at the right port may have ended in a local minimum.
+    """
+    *others, last = candidate.effects
+    reach = spans(candidate, parts)
+    moved = []
+    for effect, port in places(candidate.plant, others):
+        if effect is last.effect and port != last.port:
+            ratio = reach[port].value / reach[last.port].value
+            values = tuple(v * ratio if p.unit == 'value' else v
+                           for p, v in zip(effect.parameters, last.values, strict=True))
+            moved.append(replace(candidate, effects=(*others, Placed(effect, port, values))))
+    return moved
 
 
 def refine(fit: Fit, parts: Sequence[Part], index: int = -1) -> Fit:

@@ -28,6 +28,7 @@ RIDGES = (1e-5, 1e-3, 1e-1)     # of which the best is taken, and counted as thr
 LAGS = (0.005, 0.025)    # [s]
 LEVEL = 0.01            # of the test, for all dependences together
 WORTH = 0.01            # least share worth telling
+DRIFTS = 0.02           # of a drift
 
 
 @dataclass(frozen=True)
@@ -109,6 +110,12 @@ def drift(fit: Fit) -> tuple[float, float]:
     basis, _ = np.linalg.qr(fit.jacobian)
     _, share, p_value = explained(fit.jacobian * time, fit.residual, basis)
     return share, p_value
+
+
+def drifts(found: tuple[float, float]) -> bool:
+    """Whether a drift of that share and p-value is one."""
+    share, p_value = found
+    return share > DRIFTS and p_value < LEVEL
 
 
 def explained(columns: FloatArray, residual: FloatArray, basis: FloatArray

@@ -21,6 +21,7 @@ from hydro_twin.residual.chain import (
     Ground,
     grow,
     other_findings,
+    STRANGER,
     supported,
     without_last,
 )
@@ -35,7 +36,6 @@ from hydro_twin.residual.structure import Dependence, dependences, drift, foreto
 AT_LAST = 60_000        # samples of a recording that was thinned, fitted whole in the end
 EVERY = 1000            # effects fitted in full in the first round
 LIKELY = 0.05           # p-value from which something may be left that names do not explain
-STRANGER = 1.2          # error on data not fitted, over that on data fitted, that is not chance
 FIRST, LESS = 3, 6      # the first third of every series is the test part; or the first sixth
 
 

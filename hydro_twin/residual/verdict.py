@@ -4,12 +4,12 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from hydro_twin.residual.chain import Finding, NEAR
+from hydro_twin.residual.structure import drifts
 from hydro_twin.residual.trace import Trace
 
 CLOSE = 10.0            # distance of the criterion below which the data do not tell rivals apart
 LEFT = 0.01             # share of what is left, foretold by the ports, that makes a law wrong
 LIKELY = 0.05           # p-value of that
-DRIFTS = 0.02           # share of what is left in a drift from which it is said
 LOUD = 4.0              # error over that of the noise, beyond which it cannot all be noise
 TELLING = 3000.0        # power explained over the noise's, to tell a law from one a little off
 
@@ -61,19 +61,13 @@ def judge(trace: Trace) -> Verdict:
 def is_structured(trace: Trace, level: float) -> bool:
     """Whether what is left depends on anything, by tests at this level."""
     share, p_value = trace.foretold
-    return bool(trace.depends_on or trace.lines or drifts(trace) or trace.is_stranger
+    return bool(trace.depends_on or trace.lines or drifts(trace.drifts) or trace.is_stranger
                 or is_loud(trace) or (p_value < level and share > LEFT))
 
 
 def is_loud(trace: Trace) -> bool:
     """Whether more is left than noise that is even remotely white."""
     return trace.after.error > LOUD * trace.floor
-
-
-def drifts(trace: Trace) -> bool:
-    """Whether parameters drift over the recording."""
-    share, p_value = trace.drifts
-    return p_value < 0.2 * LIKELY and share > DRIFTS
 
 
 def _judge(trace: Trace, finding: Finding) -> Judged:

@@ -59,8 +59,16 @@ def test_dead_zone_passes_what_exceeds_it():
     width, centre = 0.5, 0.2
     w = V - centre
     expected = np.sign(w) * np.maximum(np.abs(w) - width, 0.0)
-    found = apply(('dead_zone', 'opening'), V, [width, centre])
+    found = apply(('dead_zone', 'opening'), V, [width, centre, 0.0])
     np.testing.assert_allclose(found, expected, atol=1e-15)
+
+
+def test_dead_zone_that_leaks_has_its_slope_within_and_no_jump():
+    width, leak = 0.5, 0.3
+    found = apply(('dead_zone', 'opening'), V, [width, 0.0, leak])
+    sealed = np.sign(V) * np.maximum(np.abs(V) - width, 0.0)
+    through = np.interp(V, [-width, width], [-leak * width, leak * width])
+    np.testing.assert_allclose(found, sealed + through, atol=1e-15)
 
 
 def test_gain_never_turns_round():
