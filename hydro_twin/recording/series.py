@@ -63,13 +63,22 @@ class Recording:
         return Recording(self.series + other.series, self.sources + other.sources)
 
 
-def split(recording: Recording, nth: int = 3) -> tuple[Recording, Recording]:
-    """Split every series: the first nth is the test part, the rest trains [B19: a third].
+def split(recording: Recording, nth: int = 3, skipped: int = 0) -> tuple[Recording, Recording]:
+    """Split every series: one nth of it is the test part, the rest trains [B19: the first third].
+
+    Args:
+        recording: what is split.
+        nth: in how many parts.
+        skipped: how many of them come before the test part.
 
     Returns:
-        (train, test), each a recording with one series for each series given.
+        (train, test); train has a series for what comes before the test part and one for what
+        comes after it.
     """
-    cuts = [len(series) // nth for series in recording.series]
-    test = tuple(s.part(0, cut) for s, cut in zip(recording.series, cuts, strict=True))
-    train = tuple(s.part(cut, len(s)) for s, cut in zip(recording.series, cuts, strict=True))
-    return Recording(train, recording.sources), Recording(test, recording.sources)
+    train, test = [], []
+    for s in recording.series:
+        begin, end = len(s) * skipped // nth, len(s) * (skipped + 1) // nth
+        train += [s.part(0, begin)] if begin else []
+        train.append(s.part(end, len(s)))
+        test.append(s.part(begin, end))
+    return Recording(tuple(train), recording.sources), Recording(tuple(test), recording.sources)

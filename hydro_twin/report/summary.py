@@ -15,7 +15,7 @@ from hydro_twin.plants.difference_equation import characteristic
 from hydro_twin.plants.plant import FloatArray
 from hydro_twin.predictors.scores import rms
 from hydro_twin.residual.structure import drifts
-from hydro_twin.residual.trace import FIRST, LESS, Trace
+from hydro_twin.residual.trace import SIXTH, THIRD, Trace
 from hydro_twin.residual.verdict import (
     CLOSE,
     is_loud,
@@ -27,9 +27,9 @@ from hydro_twin.residual.verdict import (
 
 TESTED = {
     0: 'bags that were not fitted',
-    FIRST: 'the first third of every series, which was not fitted',
-    LESS: 'the first sixth of every series, which was not fitted; the second was, since more '
-          'happens in the first third than in the rest',
+    THIRD: 'the first third of every series, which was not fitted',
+    SIXTH: 'the second sixth of every series, which was not fitted; the first was, since more '
+           'happens in the first third than in the rest',
 }
 
 

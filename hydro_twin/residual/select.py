@@ -160,7 +160,7 @@ def contend(base: Fit, parts: Sequence[Part], most: int, afresh: bool,
         last = fit.candidate.effects[-1]
         progress(f'{last.effect.id} at {last.port.name}')
         tried.append(fit)
-    return finish(tried, parts)
+    return finish(base, tried, parts)
 
 
 def nothing_shows(base: Fit, prospects: Sequence[Prospect]) -> bool:
@@ -180,14 +180,20 @@ def far(candidate: Candidate, parts: Sequence[Part]) -> float:
     return rms(np.nan_to_num(np.concatenate([candidate.residual(p) for p in parts]), nan=1e30))
 
 
-def finish(tried: Sequence[Fit], parts: Sequence[Part]) -> list[Contender]:
-    """Search the best fits to the end, refine their last effects, and rank all of them."""
+def finish(base: Fit, tried: Sequence[Fit], parts: Sequence[Part]) -> list[Contender]:
+    """Search the best fits to the end, refine their last effects, and rank all of them.
+
+    The law of the best is tried at its other ports, too, from where it fits and from the base:
+    its own start there may have ended in a local minimum.
+    """
     ranked = best_at_each_place(tried)
     longer = list(search_all([fit.candidate for fit in ranked[:KEPT]], parts, LONG))
     near = WITHIN * min((fit.error for fit in longer), default=0.0)
     done = [refine(fit, parts) if fit.error <= near else fit for fit in longer]
     for best in best_at_each_place(done)[:1]:
-        done += search_all(elsewhere(best.candidate, parts), parts, LONG)
+        moved = elsewhere(best.candidate, parts)
+        moved += [replace(base.candidate, effects=there.effects) for there in moved]
+        done += search_all(moved, parts, LONG)
     fits = [fit for fit in best_at_each_place(done + ranked[KEPT:]) if told(fit, parts)]
     if not fits:
         return []
@@ -205,10 +211,7 @@ def best_at_each_place(fits: Sequence[Fit]) -> list[Fit]:
 
 
 def elsewhere(candidate: Candidate, parts: Sequence[Part]) -> list[Candidate]:
-    """Move the last effect to each other port that takes it, as strong as it is here.
-
-    From its own start the search at the right port may have ended in a local minimum.
-    """
+    """Move the last effect to each other port that takes it, as strong as it is here."""
     *others, last = candidate.effects
     reach = spans(candidate, parts)
     moved = []

@@ -36,7 +36,7 @@ from hydro_twin.residual.structure import Dependence, dependences, drift, foreto
 AT_LAST = 60_000        # samples of a recording that was thinned, fitted whole in the end
 EVERY = 1000            # effects fitted in full in the first round
 LIKELY = 0.05           # p-value from which something may be left that names do not explain
-FIRST, LESS = 3, 6      # the first third of every series is the test part; or the first sixth
+THIRD, SIXTH = 3, 6     # the first third of every series is the test part; or the second sixth
 
 
 @dataclass(frozen=True)
@@ -55,7 +55,8 @@ class Trace:
         drifts: (share, p-value) of a drift of the parameters in what is left.
         foretold: (share, p-value) of what is left that the signals at the ports foretell.
         found: a curve without a name, on top of `after`.
-        tested: the test part is the first third (3), or sixth (6), of every series; 0: neither.
+        tested: the test part is the first third (3) of every series, or the second sixth (6); or
+            neither (0).
     """
 
     plant: Plant
@@ -101,8 +102,8 @@ def trace(recording: Recording, test: Recording | None, plant: Plant,
     Args:
         recording: what is fitted.
         test: what is not, and judges. None: the first third of every series of the recording.
-            Where no effect is found and the model fails there, more happens than in the rest, as
-            in a sweep that begins slowly; then the first sixth, and the second is fitted.
+            Where the model fails there, more happens than in the rest, as in a sweep that begins
+            slowly; then the second sixth, and the first is fitted, if as much is found then.
         plant: the plant.
         constants: of the rig, where they differ from the plant's defaults.
         model: where to start, instead of a fresh fit of the linear plant.
@@ -114,13 +115,13 @@ def trace(recording: Recording, test: Recording | None, plant: Plant,
     """
     if test is not None:
         return _trace(recording, test, plant, constants, model, seed, progress)
-    for nth in (FIRST, LESS):
-        found = replace(_trace(*split(recording, nth), plant, constants, model, seed, progress),
-                        tested=nth)
-        too_short = max(map(len, recording.series)) < LESS * 2 * START
-        if found.findings or not found.is_stranger or too_short:
-            break
-    return found
+    found = _trace(*split(recording), plant, constants, model, seed, progress)
+    found = replace(found, tested=THIRD)
+    too_short = max(map(len, recording.series)) < SIXTH * 2 * START
+    if too_short or not found.is_stranger:
+        return found
+    again = _trace(*split(recording, SIXTH, 1), plant, constants, model, seed, progress)
+    return replace(again, tested=SIXTH) if len(again.findings) >= len(found.findings) else found
 
 
 def _trace(train: Recording, test: Recording, plant: Plant,

@@ -1,9 +1,16 @@
 """The interval of an improvement, on residuals whose true improvement is known."""
+from dataclasses import dataclass, replace
+
 import numpy as np
 import pytest
 from scipy.signal import lfilter
 
-from hydro_twin.residual.proof import improvement
+from hydro_twin.fitting.candidate import Candidate, parts_of
+from hydro_twin.plants import plant_named
+from hydro_twin.predictors.scores import rms
+from hydro_twin.recording.series import Recording
+from hydro_twin.residual.proof import improvement, residuals
+from hydro_twin.simulation.simulate import simulate
 
 
 def pair(seed, after, memory=0.6, n=1000):
@@ -49,3 +56,23 @@ def test_units_do_not_matter_and_seeds_hardly():
     assert scaled.low == pytest.approx(one.low)
     assert improvement(before, after, 1).low == pytest.approx(one.low, abs=0.02)
     assert improvement(before, after, 0) == one
+
+
+@dataclass(frozen=True)
+class Fitted:
+    """All that is asked of a fit."""
+
+    candidate: Candidate
+
+
+def test_the_error_of_a_start_is_not_blamed_on_the_laws():
+    """A mass drifts off with the error of its first velocity, though its laws are the true ones."""
+    plant, values, noise = plant_named('positioning'), {'M': 95.0, 'F_v': 20.0}, 1e-4
+    one = simulate(plant, values, [], {'force': lambda t: 50 * np.sin(2 * np.pi * t)}, 3.0)
+    x = one['x'] + noise * np.random.default_rng(0).standard_normal(len(one))
+    parts = parts_of(Recording((replace(one, columns={**one.columns, 'x': x}),)), plant)
+    fit = Fitted(Candidate(plant, values, plant.sample_time))
+    assert rms(fit.candidate.residual(parts[0])) > 3 * noise
+    assert rms(residuals(fit, parts)[0]) == pytest.approx(noise, rel=0.05)
+    wrong = Fitted(Candidate(plant, {**values, 'F_v': 40.0}, plant.sample_time))
+    assert rms(residuals(wrong, parts)[0]) > 3 * noise

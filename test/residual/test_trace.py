@@ -121,7 +121,7 @@ def test_a_long_recording_of_an_axis_that_integrates():
 
 @pytest.mark.slow
 def test_what_happens_in_the_first_third_only_is_found():
-    """Then the first sixth tests, and the second is fitted."""
+    """Then the second sixth tests, and the first is fitted."""
     rng = np.random.default_rng(0)
     series = []
     for index in range(2):

@@ -1,0 +1,61 @@
+"""Searches for a law that the first one, from its own start, misses."""
+from __future__ import annotations
+
+from dataclasses import replace
+
+import pytest
+from traced_rig import fitted, PLANT, record
+
+from hydro_twin.model import place
+from hydro_twin.residual.select import elsewhere, far, refine, search
+
+STRIBECK = ('friction', 'motor', {'coulomb': 6.0, 'stribeck': 4.0, 'stribeck_velocity': 0.02})
+BIAS = ('bias', 'motor', {'offset': 2.0})
+
+
+@pytest.mark.parametrize(('here', 'there', 'width'), [
+    ('command', 'spool', 2e-6), ('spool', 'command', 0.03)])
+def test_from_a_law_at_the_wrong_port_the_right_one_is_found(here, there, width):
+    alone, parts, _ = fitted(record(('hysteresis', there, {'width': width}), noise=0.3))
+    wrong = {'command': 0.03, 'spool': 2e-6}[here]
+    fit = search(replace(alone.candidate, effects=(
+        place('hysteresis', here, {'width': wrong}, PLANT),)), parts, 40)
+    (moved,) = elsewhere(fit.candidate, parts)
+    found = search(replace(alone.candidate, effects=moved.effects), parts, 40)
+    (placed,) = found.candidate.effects
+    assert (placed.effect.id, placed.port.name) == ('hysteresis', there)
+    assert placed.named['width'] == pytest.approx(width, rel=0.05)
+    assert found.error == pytest.approx(0.3, rel=0.1)
+    assert fit.error > 1.05 * found.error
+
+
+def test_a_bias_may_sit_at_any_of_three_ports():
+    alone, parts, _ = fitted(record(BIAS))
+    fit = search(replace(alone.candidate, effects=(place(*BIAS, PLANT),)), parts, 40)
+    moved = [search(candidate, parts, 40) for candidate in elsewhere(fit.candidate, parts)]
+    assert {fit.candidate.effects[0].port.name for fit in moved} == {'command', 'sensor'}
+    for other in moved:
+        assert other.error == pytest.approx(fit.error, rel=1e-3)
+
+
+def test_an_earlier_effect_is_refined_where_another_follows_it():
+    alone, parts, _ = fitted(record(STRIBECK, BIAS, noise=0.1))
+    plain = tuple(place(*effect, PLANT) for effect in (
+        ('friction', 'motor', {'coulomb': 6.0}), BIAS))
+    fit = search(replace(alone.candidate, effects=plain), parts, 40)
+    finer = refine(fit, parts, 0)
+    assert [p.effect.id for p in finer.candidate.effects] == ['friction', 'bias']
+    friction = finer.candidate.effects[0].named
+    assert friction['stribeck'] == pytest.approx(4.0, rel=0.1)
+    assert friction['stribeck_velocity'] == pytest.approx(0.02, rel=0.2)
+    assert finer.error == pytest.approx(0.1, rel=0.1)
+    assert fit.error > 1.2 * finer.error
+    assert far(finer.candidate, parts) < far(fit.candidate, parts)
+
+
+def test_what_needs_no_refinement_stays_as_it_is():
+    alone, parts, _ = fitted(record(('friction', 'motor', {'coulomb': 6.0}), BIAS))
+    placed = (place('friction', 'motor', {'coulomb': 6.0}, PLANT), place(*BIAS, PLANT))
+    fit = search(replace(alone.candidate, effects=placed), parts, 40)
+    assert refine(fit, parts, 0) is fit
+    assert refine(fit, parts) is fit            # a bias has none
