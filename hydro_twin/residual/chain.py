@@ -185,12 +185,10 @@ def _earned(found: Finding, without: Fit, added: Contender, parts: Sequence[Part
 
 
 def _refined(chain: Chain, ground: Ground) -> Chain:
-    """Let in the refinements of earlier effects, which one that was lacking may have hidden."""
+    """Let in the refinements of earlier effects that the one lacking hid; not those it feigned."""
     for found in chain.findings[:-1]:
-        fit = refine(chain.fit, ground.parts, found.index)
-        if fit.cost < chain.fit.cost:
-            ground.remember(fit)
-            chain = replace(chain, fit=fit)
+        chain = replace(chain, fit=refine(chain.fit, ground.parts, found.index))
+        ground.remember(chain.fit)
     return chain
 
 

@@ -225,21 +225,30 @@ def elsewhere(candidate: Candidate, parts: Sequence[Part]) -> list[Candidate]:
 
 
 def refine(fit: Fit, parts: Sequence[Part], index: int = -1) -> Fit:
-    """Let in the refinements of an effect, the last or another, where they are clearly better."""
-    effects = fit.candidate.effects
-    placed = effects[index]
+    """Let in the refinements of an effect, the last or another, where they are clearly better.
+
+    And take out those that are not, which made up for an effect that was lacking then.
+    """
+    placed = fit.candidate.effects[index]
     if placed.effect.refined is None:
         return fit
-    reach = spans(fit.candidate, parts)[placed.port]
-    finer = [replace(fit.candidate, effects=tuple(
-        replace(placed, values=tuple(values)) if other is placed else other for other in effects))
-        for values in placed.effect.refined(reach, placed.values)]
-    forms = [fit, *search_all(finer, parts, SHORT)]
+
+    def form(values: Sequence[float]) -> Candidate:
+        effects = list(fit.candidate.effects)
+        effects[index] = replace(placed, values=tuple(values))
+        return replace(fit.candidate, effects=tuple(effects))
+
+    plain = tuple(v if p.refinement is None else p.refinement
+                  for p, v in zip(placed.effect.parameters, placed.values, strict=True))
+    simplest = int(plain != placed.values)
+    others = [plain] * simplest + list(placed.effect.refined(
+        spans(fit.candidate, parts)[placed.port], placed.values))
+    forms = [fit, *search_all([form(values) for values in others], parts, SHORT)]
     scores = criterion(forms)
     best = int(np.argmin(scores))
-    if scores[best] > scores[0] - CLEARLY:
-        return fit
-    return search(forms[best].candidate, parts, LONG)
+    if scores[best] > scores[simplest] - CLEARLY:
+        best = simplest
+    return fit if best == 0 else search(forms[best].candidate, parts, LONG)
 
 
 def told(fit: Fit, parts: Sequence[Part]) -> bool:

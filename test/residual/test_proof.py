@@ -66,7 +66,7 @@ class Fitted:
 
 
 def test_the_error_of_a_start_is_not_blamed_on_the_laws():
-    """A mass drifts off with the error of its first velocity, though its laws are the true ones."""
+    """A mass drifts off with the error of its first velocity, though its laws are true."""
     plant, values, noise = plant_named('positioning'), {'M': 95.0, 'F_v': 20.0}, 1e-4
     one = simulate(plant, values, [], {'force': lambda t: 50 * np.sin(2 * np.pi * t)}, 3.0)
     x = one['x'] + noise * np.random.default_rng(0).standard_normal(len(one))

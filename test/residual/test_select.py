@@ -59,3 +59,14 @@ def test_what_needs_no_refinement_stays_as_it_is():
     fit = search(replace(alone.candidate, effects=placed), parts, 40)
     assert refine(fit, parts, 0) is fit
     assert refine(fit, parts) is fit            # a bias has none
+
+
+def test_a_refinement_that_nothing_needs_any_more_is_taken_out():
+    alone, parts, _ = fitted(record(('friction', 'motor', {'coulomb': 6.0}), BIAS))
+    placed = (place('friction', 'motor', {'coulomb': 6.0, 'bristle_stiffness': 1e5}, PLANT),
+              place(*BIAS, PLANT))
+    fit = search(replace(alone.candidate, effects=placed), parts, 40)
+    assert len(fit.unknowns) == len(refine(fit, parts, 0).unknowns) + 1
+    friction = refine(fit, parts, 0).candidate.effects[0].named
+    assert friction['bristle_stiffness'] == float('inf')
+    assert friction['coulomb'] == pytest.approx(6.0, rel=0.02)
