@@ -10,6 +10,7 @@ from hydro_twin.effects import Placed
 from hydro_twin.effects.curve import curve, KNOTS, values
 from hydro_twin.fitting.candidate import Candidate, Part
 from hydro_twin.fitting.free_run import Fit
+from hydro_twin.plants import Port
 from hydro_twin.residual.passing import passing
 from hydro_twin.residual.proof import Improvement, proof
 from hydro_twin.residual.select import CLEARLY, criterion, far, gain_p_value, search_all
@@ -90,15 +91,29 @@ def is_better(found: Found, named: Fit, curves: Sequence[Dependence], unseen: Se
         unseen: what was not fitted.
         seed: of the bootstrap.
     """
+    here = (found.placed.port, found.placed.effect.reads[0])
+    if is_drawn(here, named, curves):
+        return False
+    with_curve, with_names = criterion([found.fit, named])
+    return with_curve < with_names - CLEARLY and proof(named, found.fit, unseen, seed).high > 0.0
+
+
+def is_drawn(place: tuple[Port, str], named: Fit, curves: Sequence[Dependence]) -> bool:
+    """Whether an effect that was named is a law of that signal at that port, or as good as that.
+
+    Args:
+        place: port and signal of a curve.
+        named: the model with effects.
+        curves: what each curve explains of the residual of the model before.
+    """
     shares = {(curve.port, curve.signal): curve.share for curve in curves}
-    here = shares[found.placed.port, found.placed.effect.reads[0]]
+    here = shares[place]
     for placed in named.candidate.effects:
         reads = placed.effect.reads or ('value',)
         there = shares.get((placed.port, reads[0]), 0.0)
         if len(reads) == 1 and abs(there - here) <= ALIKE * here:
-            return False
-    with_curve, with_names = criterion([found.fit, named])
-    return with_curve < with_names - CLEARLY and proof(named, found.fit, unseen, seed).high > 0.0
+            return True
+    return False
 
 
 def distinct(curves: Sequence[Dependence]) -> list[Dependence]:

@@ -15,6 +15,7 @@ from hydro_twin.predictors.scores import rms
 from hydro_twin.recording.series import Recording, split
 from hydro_twin.residual.chain import (
     Chain,
+    ENOUGH,
     Finding,
     finely,
     FINEST,
@@ -25,7 +26,7 @@ from hydro_twin.residual.chain import (
     supported,
     without_last,
 )
-from hydro_twin.residual.curve import find_curve, Found, is_better
+from hydro_twin.residual.curve import find_curve, Found, is_better, is_drawn
 from hydro_twin.residual.excerpt import excerpt, harmless_factor, resampled, thin
 from hydro_twin.residual.noise import is_white, Line, lines, noise_floor
 from hydro_twin.residual.proof import Improvement, improvement, proof, residuals
@@ -198,14 +199,26 @@ def _with_curve(chain: Chain, base: Fit, ground: Ground) -> tuple[Chain, Found |
     """
     parts, unseen, seed = ground.parts, ground.unseen, ground.seed
     curves = free_curves(chain.fit, parts)
-    if chain.findings and (any(curve.shows for curve in curves)
-                           or foretold(chain.fit, parts)[1] < LIKELY):
-        at_first = free_curves(base, parts)
+    at_first = free_curves(base, parts)
+    if chain.findings and _contested(chain, parts, curves, at_first):
         alone = find_curve(base, parts, unseen, at_first, seed)
         if alone and is_better(alone, chain.fit, at_first, unseen, seed):
             return Chain(base), alone
     found = find_curve(chain.fit, parts, unseen, curves, seed)
     return _still_needed(chain, found, ground) if found else (chain, None)
+
+
+def _contested(chain: Chain, parts: Sequence[Part], curves: Sequence[Dependence],
+               at_first: Sequence[Dependence]) -> bool:
+    """Whether a curve may do without what was named.
+
+    Something is left that names do not explain; or one curve, elsewhere, explains most of what
+    there was at first.
+    """
+    if any(curve.shows for curve in curves) or foretold(chain.fit, parts)[1] < LIKELY:
+        return True
+    return any(curve.share > ENOUGH and not is_drawn((curve.port, curve.signal), chain.fit,
+                                                     at_first) for curve in at_first[:1])
 
 
 def _still_needed(chain: Chain, found: Found, ground: Ground) -> tuple[Chain, Found]:

@@ -1,0 +1,37 @@
+"""What the tracer says of rigs from another integrator that have no law of the library."""
+import pytest
+
+from benchmarks.tracing.cases import case_of
+from hydro_twin.plants.load_simulator import LOAD_SIMULATOR
+from hydro_twin.residual.structure import drifts
+from hydro_twin.residual.trace import trace
+
+pytestmark = pytest.mark.slow
+
+
+def traced(seed, effect):
+    case = case_of(seed)
+    assert case.effects == (effect,)
+    return trace(case.rig().recording(), None, LOAD_SIMULATOR)
+
+
+def test_flow_that_saturates_softly_is_a_curve_and_no_orifice():
+    found = traced(6060, 'soft_flow')
+    assert found.findings == ()
+    placed = found.found.placed
+    assert (placed.port.name, placed.effect.reads) == ('flow', ('opening',))
+    assert found.found.fit.error < 1.1 * found.floor
+
+
+def test_a_parameter_that_drifts_is_no_effect():
+    found = traced(6105, 'leak_drift')
+    assert found.findings == ()
+    assert drifts(found.drifts)
+
+
+def test_a_spool_that_does_not_seal_has_a_dead_zone_and_no_leakage():
+    found = traced(4133, 'dead_zone')
+    (placed,) = found.after.candidate.effects
+    assert (placed.effect.id, placed.port.name) == ('dead_zone', 'spool')
+    slope = case_of(4133).rig().truth.built[0].fields['dead_slope']
+    assert placed.named['leak'] == pytest.approx(slope, abs=0.03)
