@@ -71,7 +71,7 @@ def refined(span: Span, values: tuple[float, ...]) -> Starts:
     v_s = 0.05 * span.signals['velocity']
     sigma = F_c / (0.01 * span.signals['position'])
     return [(F_c, 0.0, 1.0, sigma, 0.0),
-            *[(F_c, 0.3 * F_c, share * v_s, math.inf, 0.0) for share in (0.1, 0.4, 1.0, 4.0)],
+            *[(F_c, 0.3 * F_c, share * v_s, math.inf, 0.0) for share in (0.1, 0.4, 2.0)],
             (F_c, 0.3 * F_c, v_s, sigma, 0.0), (F_c, 0.0, 1.0, math.inf, v_s)]
 
 

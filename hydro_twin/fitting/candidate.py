@@ -100,7 +100,7 @@ class Candidate:
         """Measured less free run over the scored samples of a part, (N - START,)."""
         return (part.measured - self.run(part))[START:]
 
-    def fitted_residual(self, part: Part, near: Start | None = None) -> FloatArray:
+    def fitted_residual(self, part: Part, start: Start | None = None) -> FloatArray:
         """Find the residual that is left if the whole part tells the state at its start.
 
         The first samples tell it with some error, which lasts where the plant integrates, or
@@ -111,9 +111,9 @@ class Candidate:
 
         Args:
             part: what is run over.
-            near: the start of a candidate that hardly differs, to save the search for it.
+            start: of the run, to save the search for it.
         """
-        start = self.start(part) if near is None else self.start_near(part, near)
+        start = start or self.start(part)
         missed = part.measured - self.system.run(part.inputs, start.x)
         first, later = missed[:START], missed[START:]
         if not np.isfinite(missed).all():

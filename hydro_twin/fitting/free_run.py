@@ -221,6 +221,8 @@ class Problem:
         starts = [u.coordinate(get(base, u)) for u in self.unknowns]
         self.middle = np.array([0.5 * (low + high) if math.isfinite(low) else start
                                 for (low, high), start in zip(edges, starts, strict=True)])
+        self._at = np.empty(0)
+        self._starts: list[Start] = []
 
     def pull(self, coordinates: FloatArray) -> FloatArray:
         """Return what the coordinates cost by themselves, (2 d,), to be squared."""
@@ -234,7 +236,7 @@ class Problem:
         values = [u.value(float(c)) for u, c in zip(self.unknowns, coordinates, strict=True)]
         return put(self.base, self.unknowns, values)
 
-    def residual(self, coordinates: FloatArray, near: Sequence[Start | None] = ()) -> FloatArray:
+    def residual(self, coordinates: FloatArray, near: Sequence[Start] = ()) -> FloatArray:
         """Residual of all parts, then the pull; a run that diverged counts as very far off.
 
         Args:
@@ -242,12 +244,22 @@ class Problem:
             near: for each part its start at coordinates that hardly differ, if known.
         """
         candidate = self.candidate(coordinates)
-        pieces = [candidate.fitted_residual(part, start) for part, start in
-                  zip(self.parts, near or [None] * len(self.parts), strict=True)]
+        starts = ([candidate.start_near(part, start) for part, start in
+                   zip(self.parts, near, strict=True)] if near else self.starts(coordinates))
+        pieces = [candidate.fitted_residual(part, start)
+                  for part, start in zip(self.parts, starts, strict=True)]
         pieces.append(self.pull(coordinates))
         whole = np.concatenate(pieces)
         far = 1e3 * self.size
         return np.clip(np.nan_to_num(whole, nan=far), -far, far)
+
+    def starts(self, coordinates: FloatArray) -> list[Start]:
+        """Find the start of each part, once where the residual and its derivatives are asked."""
+        if not np.array_equal(coordinates, self._at):
+            candidate = self.candidate(coordinates)
+            self._at = coordinates.copy()
+            self._starts = [candidate.start(part) for part in self.parts]
+        return self._starts
 
     def jacobian(self, coordinates: FloatArray) -> FloatArray:
         """Differences of the residual by each coordinate, (N + 2 d, d)."""
@@ -256,8 +268,7 @@ class Problem:
         step[coordinates + step > upper] *= -1.0
         moved = [coordinates + step[i] * np.eye(len(coordinates))[i]
                  for i in range(len(coordinates))]
-        candidate = self.candidate(coordinates)
-        near = [candidate.start(part) for part in self.parts]
+        near = self.starts(coordinates)
         here = self.residual(coordinates, near)
         scored = sum(self.lengths)
         columns = np.empty((len(here), len(coordinates)))
