@@ -2,7 +2,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
@@ -70,6 +70,10 @@ class Candidate:
         """What the kernel runs."""
         return assemble(self.plant, self.values, self.effects, self.sample_time, self.substeps,
                         self.timing)
+
+    def without(self, index: int) -> Candidate:
+        """Take one of the effects out."""
+        return replace(self, effects=(*self.effects[:index], *self.effects[index + 1:]))
 
     def start(self, part: Part) -> Start:
         """Find the state at the begin of a part that its first samples show."""

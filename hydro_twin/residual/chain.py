@@ -112,14 +112,13 @@ class Ground:
         """
         starts = []
         for found in findings:
-            effects = list(chain.fit.candidate.effects)
-            del effects[found.index]
-            starts.append([replace(chain.fit.candidate, effects=tuple(effects))])
-            if known := self.fits.get(_effects_of(starts[-1][0])):
+            bare = chain.fit.candidate.without(found.index)
+            starts.append([bare])
+            if known := self.fits.get(_effects_of(bare)):
                 placed = {_name(p): p for p in known.candidate.effects}
                 starts[-1].append(replace(
-                    known.candidate, substeps=chain.fit.candidate.substeps,
-                    effects=tuple(placed[_name(p)] for p in effects)))
+                    known.candidate, substeps=bare.substeps,
+                    effects=tuple(placed[_name(p)] for p in bare.effects)))
         fits = search_all([start for some in starts for start in some], self.parts, 40)
         best = [min(islice(fits, len(some)), key=lambda fit: fit.cost) for some in starts]
         for fit in best:

@@ -199,7 +199,7 @@ def _with_curve(chain: Chain, base: Fit, ground: Ground) -> tuple[Chain, Found |
     """
     parts, unseen, seed = ground.parts, ground.unseen, ground.seed
     curves = free_curves(chain.fit, parts)
-    at_first = free_curves(base, parts)
+    at_first = curves if chain.fit is base else free_curves(base, parts)
     if chain.findings and _contested(chain, parts, curves, at_first):
         alone = find_curve(base, parts, unseen, at_first, seed)
         if alone and is_better(alone, chain.fit, at_first, unseen, seed):
@@ -224,9 +224,7 @@ def _contested(chain: Chain, parts: Sequence[Part], curves: Sequence[Dependence]
 def _still_needed(chain: Chain, found: Found, ground: Ground) -> tuple[Chain, Found]:
     """Withdraw what was named and the curve holds, as a bias that is the constant part of it."""
     for k, finding in enumerate(chain.findings):
-        effects = list(found.fit.candidate.effects)
-        del effects[finding.index]
-        fit = search(replace(found.fit.candidate, effects=tuple(effects)), ground.parts, 25)
+        fit = search(found.fit.candidate.without(finding.index), ground.parts, 25)
         with_it, bare = criterion([found.fit, fit])
         if bare < with_it + CLEARLY:
             after = ground.without(chain, [finding])[0]
