@@ -9,13 +9,12 @@ from hydro_twin.effects.effect import Effect, EffectParameter, Span, Starts
 def law(v, s, p, z, h, c, z_next):  # type: ignore[no-untyped-def]
     """Take off what a stop operator holds: what stays bound within +-width [Visintin 1994, III.2].
 
-    z[0] is what is bound, z[1] the value before. At slope 1 this is the play operator; below,
-    part of each small movement passes at once, as with a Bouc-Wen law.
+    z is what is bound less slope v, which stays as it is between the edges. At slope 1 this is the
+    play operator; below, part of each small movement passes at once, as with a Bouc-Wen law.
     """
     width, slope = p[0], p[1]
-    bound = min(max(z[0] + slope * (v - z[1]), -width), width)
-    z_next[0] = bound
-    z_next[1] = v
+    bound = min(max(z[0] + slope * v, -width), width)
+    z_next[0] = bound - slope * v
     return v - bound
 
 
@@ -42,5 +41,5 @@ EFFECT = Effect(
     excitation='use slow sinusoids of small amplitude, that turn back often',
     refined=refined,
     law=law,
-    memory=2,
+    memory=1,
 )

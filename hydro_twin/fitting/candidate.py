@@ -17,14 +17,35 @@ from hydro_twin.predictors.scores import rms
 from hydro_twin.predictors.system import assemble, System
 from hydro_twin.recording.series import Recording
 
+STILL = 0.1             # of the movement of a part: its begin is longer where it moves less
+LONGEST = 8 * START     # samples
+
 
 @dataclass(frozen=True)
 class Part:
-    """An uninterrupted stretch that a run covers: inputs (N, m), output measured (N,)."""
+    """An uninterrupted stretch that a run covers: inputs (N, m), output measured (N,).
+
+    Attributes:
+        source: the bag that it comes from.
+        start: stamp of the first sample [ns].
+    """
 
     inputs: FloatArray
     measured: FloatArray
     source: str = ''
+    start: int = 0
+
+    @cached_property
+    def beginning(self) -> int:
+        """How many samples show the state at the start: more where it hardly moves at first.
+
+        Within a gap, nothing tells where until a side is met.
+        """
+        n = min(START, len(self.measured))
+        moves = STILL * np.std(self.measured)
+        while n < min(LONGEST, len(self.measured) // 2) and np.std(self.measured[:n]) < moves:
+            n *= 2
+        return n
 
 
 def parts_of(recording: Recording, plant: Plant) -> list[Part]:
@@ -35,7 +56,7 @@ def parts_of(recording: Recording, plant: Plant) -> list[Part]:
     """
     parts = [
         Part(np.column_stack([series[signal.name] for signal in plant.inputs]),
-             np.ascontiguousarray(series[plant.output.name]), series.source)
+             np.ascontiguousarray(series[plant.output.name]), series.source, series.start)
         for series in recording.series if len(series) >= 2 * START]
     if not parts:
         longest = max((len(series) for series in recording.series), default=0)
@@ -77,7 +98,7 @@ class Candidate:
 
     def start(self, part: Part) -> Start:
         """Find the state at the begin of a part that its first samples show."""
-        n = min(START, len(part.measured))
+        n = part.beginning
         least = max(1e-3 * rms(part.measured), 1e-12)
         return find_start(self.system, self.free_response(n), part.inputs[:n], part.measured[:n],
                           least)
@@ -85,8 +106,7 @@ class Candidate:
     def start_near(self, part: Part, near: Start) -> Start:
         """Find it by one step from the start of a candidate that hardly differs."""
         n = near.gain.shape[1]
-        miss = part.measured[:n] - self.system.run(part.inputs[:n], near.x)
-        return Start(near.x + near.gain @ np.nan_to_num(miss), near.gain)
+        return near.moved(part.measured[:n] - self.system.run(part.inputs[:n], near.x, near.z))
 
     def free_response(self, samples: int) -> FloatArray:
         """How the output moves with the state at the start, linear laws, (samples, n)."""
@@ -98,7 +118,8 @@ class Candidate:
 
     def run(self, part: Part, seen: FloatArray | None = None) -> FloatArray:
         """Run freely over a part, from the state that its first samples show; (N,)."""
-        return self.system.run(part.inputs, self.start(part).x, seen)
+        start = self.start(part)
+        return self.system.run(part.inputs, start.x, start.z, seen)
 
     def residual(self, part: Part) -> FloatArray:
         """Measured less free run over the scored samples of a part, (N - START,)."""
@@ -118,7 +139,7 @@ class Candidate:
             start: of the run, to save the search for it.
         """
         start = start or self.start(part)
-        missed = part.measured - self.system.run(part.inputs, start.x)
+        missed = part.measured - self.system.run(part.inputs, start.x, start.z)
         first, later = missed[:START], missed[START:]
         if not np.isfinite(missed).all():
             return later

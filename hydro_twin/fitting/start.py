@@ -1,7 +1,7 @@
 """The state at which a run starts, as the first samples measured show it."""
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -12,6 +12,7 @@ from hydro_twin.predictors.system import System
 START = 50              # samples at the begin of a part that set its state, and are not scored
 MOVES = 0.5             # of the mean square that rest misses: less is left by a start in motion
 NEARER = 0.9            # of the mean square missed: more is left by the last step of a search
+NEAR = 0.05             # of the movement: a start that misses less is not on a wrong side
 STEPS = 8               # of that search
 HELD = 0.01             # cost of a deviation from rest, over that of as large an output
 DAMPED = (HELD, 0.3, 10.0)      # and of one from the last step
@@ -23,19 +24,29 @@ class Start:
 
     Attributes:
         x: the state, (n,).
-        gain: how it follows the first outputs measured, (n, START).
+        z: what the effects keep, (memory,).
+        gain: how both, one after the other, follow the first outputs measured, (n + memory, N).
     """
 
     x: FloatArray
+    z: FloatArray
     gain: FloatArray
+
+    def moved(self, missed: FloatArray) -> Start:
+        """Follow outputs missed, (N,), by one step."""
+        step = self.gain @ np.nan_to_num(missed)
+        n = len(self.x)
+        return replace(self, x=self.x + step[:n], z=self.z + step[n:])
 
 
 def find_start(system: System, response: FloatArray, inputs: FloatArray, measured: FloatArray,
                least: float) -> Start:
-    """Find the state from which the output is least missed, beginning at rest.
+    """Find the state from which the output is least missed.
 
-    A search with damped steps [Levenberg 1944], under the whole model. States that the output
-    does not tell stay near rest: a deviation costs as if the output were measured to one per cent.
+    From rest, by a search with damped steps [Levenberg 1944], under the whole model. States that
+    the output does not tell stay near there: a deviation costs as if the output were measured to
+    one per cent. Where a gap or a play may stand on either side, or between, a search ends at any
+    of them; so from other sides it is begun again, if that tempts.
 
     Args:
         system: the model.
@@ -44,45 +55,89 @@ def find_start(system: System, response: FloatArray, inputs: FloatArray, measure
         measured: the output, (N,).
         least: movement of the output that is worth following, above zero.
     """
-    x = system.start(inputs[0], measured[0])
+    rest = system.start(inputs[0], measured[0])
+    kept = system.kept(inputs[0], rest)
+    n, width = len(rest), kept[:, 1] - kept[:, 0]
     size = max(rms(measured - measured.mean()), least)
     shown = np.sqrt(np.mean(response**2, axis=0))
-    scale = size / np.where(shown > 0.0, shown, 1.0)
-    missed = measured - system.run(inputs, x)
+    scale = np.concatenate([size / np.where(shown > 0.0, shown, 1.0), width])
+    free = np.flatnonzero(scale > 0.0)
+    units = np.diag(scale)
+    linear = np.hstack([response * scale[:n], np.zeros((len(measured), len(width)))])
+
+    def at(state: FloatArray) -> _At:
+        missed = measured - system.run(inputs, state[:n], state[n:])
+        return _At(state, missed, float(np.nan_to_num(missed @ missed, nan=np.inf)))
 
     def gain(columns: FloatArray, held: float) -> FloatArray:
-        """Return how far an output missed by one moves the state, (n, N)."""
-        if not (np.isfinite(columns).all() and np.isfinite(missed).all()):
-            return np.zeros(columns.T.shape)
-        normal = columns.T @ columns
-        ridge = (held * size) ** 2 + 1e-12 * np.trace(normal)
-        moved: FloatArray = scale[:, None] * np.linalg.solve(
-            normal + max(ridge, 1e-300) * np.eye(len(x)), columns.T)
-        return moved
+        """Return how far an output missed by one moves the state, (n + memory, N)."""
+        found = np.zeros(columns.T.shape)
+        if np.isfinite(columns).all():
+            moving = columns[:, free]
+            normal = moving.T @ moving
+            ridge = (held * size) ** 2 + 1e-12 * np.trace(normal)
+            found[free] = scale[free, None] * np.linalg.solve(
+                normal + max(ridge, 1e-300) * np.eye(len(free)), moving.T)
+        return found
 
-    def step(columns: FloatArray, held: float, enough: float) -> bool:
-        """Move the state if that leaves little enough of the mean square; False if not."""
-        nonlocal x, missed
-        moved = gain(columns, held) @ missed
-        foretold = missed - columns @ (moved / scale)
-        if not foretold @ foretold < enough * (missed @ missed):
-            return False
-        left = measured - system.run(inputs, x + moved)
-        if not left @ left < enough * (missed @ missed):
-            return False
-        x, missed = x + moved, left
-        return True
+    def step(here: _At, columns: FloatArray, held: float, enough: float) -> _At:
+        """Move the state if that leaves little enough of the mean square."""
+        if not np.isfinite(here.power):
+            return here
+        moved = gain(columns, held) @ here.missed
+        foretold = here.missed - columns[:, free] @ (moved[free] / scale[free])
+        if not foretold @ foretold < enough * here.power:
+            return here
+        there = at(here.state + moved)
+        return there if there.power < enough * here.power else here
 
-    columns = response * scale
+    def slopes(here: _At) -> FloatArray:
+        """Differences of the output by each coordinate, inwards from an edge, (N, n + memory)."""
+        columns = np.zeros(linear.shape)
+        for i in free:
+            inwards = -0.01 if i >= n and here.state[i] > kept[i - n].mean() else 0.01
+            columns[:, i] = (here.missed - at(here.state + inwards * units[i]).missed) / inwards
+        return columns
+
+    def search(here: _At) -> tuple[_At, FloatArray]:
+        """Search from a state; returns also the gain at the end."""
+        # What sticks at rest has no derivative there: first by the linear laws, if it moves.
+        here = step(here, linear, HELD, MOVES)
+        for _ in range(STEPS):
+            columns, before = slopes(here), here
+            for held in DAMPED:
+                if here is before:
+                    here = step(here, columns, held, NEARER)
+            if here is before:
+                break
+        return here, gain(columns, HELD)
+
+    here = at(np.concatenate([rest, np.zeros(len(width))]))
     if len(system.table) == 0:
-        step(columns, HELD, 1.0)
-        return Start(x, gain(columns, HELD))
-    # What sticks at rest has no derivative there: first by the linear laws, if it moves.
-    step(columns, HELD, MOVES)
-    for _ in range(STEPS):
-        here = measured - missed
-        columns = np.stack([system.run(inputs, x + 0.01 * s * unit) - here
-                            for s, unit in zip(scale, np.eye(len(x)), strict=True)], axis=1) / 0.01
-        if not any(step(columns, held, NEARER) for held in DAMPED):
-            break
-    return Start(x, gain(columns, HELD))
+        return _start(step(here, linear, HELD, 1.0), gain(linear, HELD), n)
+    best, follows = search(here)
+    if best.power > (NEAR * size) ** 2 * len(measured):
+        sides = [best.state + side * unit for unit in units[:n] for side in (-1.0, 1.0)]
+        for i in np.flatnonzero(width):
+            sides += [np.where(np.arange(len(scale)) == n + i, value, best.state)
+                      for value in (*kept[i], kept[i].mean())]
+        there = min((at(side + follows @ np.nan_to_num(at(side).missed)) for side in sides),
+                    key=lambda side: side.power)
+        if there.power < NEARER * best.power:
+            there, others = search(there)
+            if there.power < NEARER * best.power:
+                best, follows = there, others
+    return _start(best, follows, n)
+
+
+@dataclass(frozen=True)
+class _At:
+    """A state with what it misses, and the sum of squares of that, infinite if it diverged."""
+
+    state: FloatArray
+    missed: FloatArray
+    power: float
+
+
+def _start(here: _At, gain: FloatArray, n: int) -> Start:
+    return Start(here.state[:n], here.state[n:], gain)

@@ -16,6 +16,7 @@ from hydro_twin.predictors.dispatch import code
 IntArray = npt.NDArray[np.int64]
 
 NEWTON = 20             # steps to the state at rest, at most
+BEYOND = 1e30           # any edge
 
 
 @dataclass(frozen=True)
@@ -70,17 +71,40 @@ class System:
         x: FloatArray = origin + linear * per_output
         return x
 
-    def run(self, inputs: FloatArray, x: FloatArray, seen: FloatArray | None = None
-            ) -> FloatArray:
+    def run(self, inputs: FloatArray, x: FloatArray, z: FloatArray | None = None,
+            seen: FloatArray | None = None) -> FloatArray:
         """Run freely from state x over inputs (N, m); returns the output (N,).
 
-        What passes at the ports is written into `seen` (N, ports + signals), if given.
+        Args:
+            inputs: (N, m).
+            x: the state, (n,).
+            z: what the effects keep, (memory,); by default nought.
+            seen: what passes at the ports is written here, (N, ports + signals), if given.
         """
         y = np.empty(len(inputs))
         kernel.run(self.M, self.H, self.table, self.active, self.p, self.shift, self.held,
-                   self.substeps, self.sample_time, x.copy(), np.zeros(self.memory),
+                   self.substeps, self.sample_time, x.copy(),
+                   np.zeros(self.memory) if z is None else z.copy(),
                    self.work(), inputs, y, np.empty((0, 0)) if seen is None else seen)
         return y
+
+    def kept(self, inputs: FloatArray, x: FloatArray) -> FloatArray:
+        """Return between what the effects may keep at the begin of a run, (memory, 2).
+
+        What hangs behind, as the follower of a play, may be anywhere between two edges, to which
+        its law takes what is beyond. What an implicit effect keeps is over soon: nought.
+        """
+        z = np.zeros((2, self.memory))
+        for begin, end, implicit in self.table[:, [
+                kernel.Z_BEGIN, kernel.Z_END, kernel.IMPLICIT]]:
+            if end > begin and not implicit:
+                z[:, begin] = -BEYOND, BEYOND
+        for edge in z:
+            work = self.work()
+            kernel.output(self.H, self.table, self.active, self.p, self.shift, x, edge.copy(),
+                          work, inputs[None, :], 0)
+            edge[:] = np.where(edge == 0.0, 0.0, work[6, :self.memory])
+        return z.T
 
 
 def discretise(laws: Laws, h: float) -> FloatArray:

@@ -64,6 +64,7 @@ def summarise(trace: Trace, verdict: Verdict) -> dict[str, Any]:
             'depends_on': [{'port': d.port.name, 'signal': d.signal, 'share': d.share,
                             'p_value': d.p_value}
                            for d in trace.depends_on],
+            'when': when(trace),
             'drifts': drifts(trace.drifts),
             'foretold': {'share': trace.foretold[0], 'p_value': trace.foretold[1]},
             'says': remainder_sentence(trace),
@@ -92,6 +93,20 @@ def sentence(trace: Trace, verdict: Verdict) -> str:
     return f'The model lacks {named}: with it, {falls}.'
 
 
+def when(trace: Trace) -> list[dict[str, Any]]:
+    """Say when most of what is left comes, if seldom, in seconds from the begin of its bag."""
+    parts, sample_time = [*trace.train, *trace.test], trace.after.candidate.sample_time
+    begin = {bag: min(part.start for part in parts if part.source == bag)
+             for bag in {part.source for part in parts}}
+    spells = []
+    for burst in trace.bursts:
+        part = parts[burst.stretch]
+        at = 1e-9 * (part.start - begin[part.source]) + START * sample_time
+        spells.append({'bag': part.source, 'from_s': at + burst.begin * sample_time,
+                       'to_s': at + burst.end * sample_time})
+    return sorted(spells, key=lambda spell: (spell['bag'], spell['from_s']))
+
+
 def over(placed: Placed) -> str:
     """Say over what a curve is, and where."""
     signal = placed.effect.reads[0]
@@ -118,6 +133,12 @@ def remainder_sentence(trace: Trace) -> str:
         what = 'value' if first.signal == 'value' else first.signal.replace('_', ' ')
         parts.append(f'it depends on the {what} at the {first.port.name} '
                      f'({first.share:.0%} of what is left)')
+    if spells := when(trace):
+        first, last = spells[0]['from_s'], spells[-1]['to_s']
+        parts.append(f'most of it comes in {sum(s["to_s"] - s["from_s"] for s in spells):.1f} s, '
+                     + (f'from {first:.1f} to {last:.1f} s' if len(spells) == 1 else
+                        f'in {len(spells)} spells, the first at {first:.1f} s')
+                     + (f' of {spells[0]["bag"]}' if spells[0]['bag'] else ''))
     if drifts(trace.drifts):
         parts.append('a parameter drifts over the recording')
     if trace.is_stranger:

@@ -307,7 +307,8 @@ def finely(fit: Fit, parts: Sequence[Part], finest: int) -> Fit:
     candidate = fit.candidate
     while candidate.substeps < finest:
         finer = replace(candidate, substeps=2 * candidate.substeps)
-        starts = [(part.inputs, candidate.start(part).x) for part in parts]
+        starts = [(part.inputs, start.x, start.z) for part in parts
+                  for start in [candidate.start(part)]]
         change = rms(np.concatenate([finer.system.run(*start) - candidate.system.run(*start)
                                      for start in starts]))
         if change < FINE * fit.error:

@@ -21,6 +21,7 @@ ALIKE = 1e-4            # of the shares of two that are the same but for a facto
 SHORT, LONG = 8, 25     # evaluations of a search: to compare, to the end
 LEVEL = 1e-3            # of the test of the best, corrected for all dependences tried
 STRENGTHS = (1.0, 0.3, 0.1)     # of the curve that the linear laws suggest, to begin at
+CONSTANT = 0.9          # share of what a curve adds that is its mean, from which it is a bias
 
 
 @dataclass(frozen=True)
@@ -82,7 +83,8 @@ def is_better(found: Found, named: Fit, curves: Sequence[Dependence], unseen: Se
     """Whether one curve does clearly better than all effects that were named instead of it.
 
     On what was fitted, and not clearly worse on what was not. Not where one of these is a law of
-    the same signal at the same place, which the curve only draws more finely.
+    the same signal at the same place, which the curve only draws more finely; nor where it is a
+    bias, and the curve little else.
 
     Args:
         found: a curve on the model before.
@@ -92,7 +94,8 @@ def is_better(found: Found, named: Fit, curves: Sequence[Dependence], unseen: Se
         seed: of the bootstrap.
     """
     here = (found.placed.port, found.placed.effect.reads[0])
-    if is_drawn(here, named, curves):
+    biased = any(is_bias(placed) for placed in named.candidate.effects)
+    if is_drawn(here, named, curves) or (biased and is_mostly_constant(found.fit, unseen)):
         return False
     with_curve, with_names = criterion([found.fit, named])
     return with_curve < with_names - CLEARLY and proof(named, found.fit, unseen, seed).high > 0.0
@@ -114,6 +117,18 @@ def is_drawn(place: tuple[Port, str], named: Fit, curves: Sequence[Dependence]) 
         if len(reads) == 1 and abs(there - here) <= ALIKE * here:
             return True
     return False
+
+
+def is_bias(placed: Placed) -> bool:
+    """Whether an effect adds the same whatever happens."""
+    return placed.effect.id == 'bias'
+
+
+def is_mostly_constant(fit: Fit, parts: Sequence[Part]) -> bool:
+    """Whether the curve of a fit, its last effect, adds little else than a constant."""
+    placed = fit.candidate.effects[-1]
+    added = np.concatenate([passing(fit.candidate, placed, part).added for part in parts])
+    return bool(np.mean(added) ** 2 > CONSTANT * np.mean(added**2))
 
 
 def distinct(curves: Sequence[Dependence]) -> list[Dependence]:

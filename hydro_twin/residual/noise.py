@@ -1,4 +1,4 @@
-"""What a residual looks like by itself: noise floor, memory, spectral lines, whiteness."""
+"""What a residual looks like by itself: noise floor, memory, whiteness, spectral lines, bursts."""
 from __future__ import annotations
 
 from collections.abc import Sequence
@@ -11,6 +11,10 @@ from hydro_twin.plants.plant import FloatArray
 
 LAGS = 25
 CONFIDENCE = 0.99
+SPELL = 50              # samples of which the power is taken together, to see when it is large
+BURST = 4.0             # power of such, over what three in four stay below, that is loud
+SELDOM, MOSTLY = 0.1, 0.5       # most time that bursts may take, least of the power they hold
+SPELLS = 20             # fewer do not tell what is seldom
 
 
 def noise_floor(stretches: Sequence[FloatArray]) -> float:
@@ -117,3 +121,41 @@ def _running_median(values: FloatArray, width: int) -> FloatArray:
     centres = np.arange(0, len(values), step)
     medians = [np.median(values[max(0, c - width):c + width + 1]) for c in centres]
     return np.interp(np.arange(len(values)), centres, medians)
+
+
+@dataclass(frozen=True)
+class Burst:
+    """When most of a residual comes.
+
+    Attributes:
+        stretch: index of the stretch.
+        begin, end: samples of it, begin <= k < end.
+    """
+
+    stretch: int
+    begin: int
+    end: int
+
+
+def bursts(stretches: Sequence[FloatArray]) -> list[Burst]:
+    """Find when a residual comes, if half of its power or more comes in a tenth of the time.
+
+    So it does where something happened once, and not where a law is lacking that acts all along,
+    nor in noise, white or coloured.
+    """
+    spells = [Burst(index, begin, min(begin + SPELL, len(r))) for index, r in enumerate(stretches)
+              for begin in range(0, len(r), SPELL)]
+    if len(spells) < SPELLS:
+        return []
+    energy = np.array([float(np.sum(stretches[s.stretch][s.begin:s.end] ** 2)) for s in spells])
+    power = energy / [s.end - s.begin for s in spells]
+    loud = power > BURST * np.quantile(power, 0.75)
+    if loud.mean() > SELDOM or energy[loud].sum() < MOSTLY * energy.sum():
+        return []
+    found: list[Burst] = []
+    for k in np.flatnonzero(loud):
+        if found and (found[-1].stretch, found[-1].end) == (spells[k].stretch, spells[k].begin):
+            found[-1] = Burst(spells[k].stretch, found[-1].begin, spells[k].end)
+        else:
+            found.append(spells[k])
+    return found

@@ -33,7 +33,8 @@ def passing(candidate: Candidate, placed: Placed, part: Part) -> Passing:
                      key=lambda p: candidate.plant.ports.index(p.port))
     e, port = ordered.index(placed), candidate.plant.ports.index(placed.port)
     m = len(s.shift)
-    x, z, work = candidate.start(part).x, np.zeros(s.memory), s.work()
+    start, work = candidate.start(part), s.work()
+    x, z = start.x.copy(), start.z.copy()
     u, d = work[1, :m], work[5, :len(candidate.plant.ports)]
     seen = np.empty((len(part.inputs), len(s.H)))
     added, y = np.empty(len(seen)), np.empty(len(seen))

@@ -26,9 +26,16 @@ from hydro_twin.residual.chain import (
     supported,
     without_last,
 )
-from hydro_twin.residual.curve import find_curve, Found, is_better, is_drawn
+from hydro_twin.residual.curve import (
+    find_curve,
+    Found,
+    is_better,
+    is_bias,
+    is_drawn,
+    is_mostly_constant,
+)
 from hydro_twin.residual.excerpt import excerpt, harmless_factor, resampled, thin
-from hydro_twin.residual.noise import is_white, Line, lines, noise_floor
+from hydro_twin.residual.noise import Burst, bursts, is_white, Line, lines, noise_floor
 from hydro_twin.residual.proof import Improvement, improvement, proof, residuals
 from hydro_twin.residual.screen import Hidden, hidden
 from hydro_twin.residual.select import CLEARLY, contend, criterion, search, stretches
@@ -52,6 +59,7 @@ class Trace:
         proof: the improvement on the test parts, by what was named and by the curve.
         unseen: RMS of the residual of `after` on the like of the test parts, but for their starts.
         floor: estimated RMS of the noise.
+        bursts: when most of what is left comes, if seldom; in `train`, then in `test`.
         depends_on: what the residual of `after` still depends on.
         drifts: (share, p-value) of a drift of the parameters in what is left.
         foretold: (share, p-value) of what is left that the signals at the ports foretell.
@@ -73,6 +81,7 @@ class Trace:
     floor: float
     white: bool
     lines: tuple[Line, ...]
+    bursts: tuple[Burst, ...]
     depends_on: tuple[Dependence, ...]
     drifts: tuple[float, float]
     foretold: tuple[float, float]
@@ -180,6 +189,7 @@ def _trace(train: Recording, test: Recording, plant: Plant,
         unseen=rms(np.concatenate(residuals(after, elsewhere))),
         floor=noise_floor(pieces), white=is_white(pieces),
         lines=tuple(lines(pieces, sample_time)),
+        bursts=tuple(bursts(residuals(after, [*whole, *unseen]))),
         depends_on=tuple(dependences(after, fine)), drifts=drift(after),
         foretold=foretold(after, fine), found=found)
 
@@ -222,11 +232,16 @@ def _contested(chain: Chain, parts: Sequence[Part], curves: Sequence[Dependence]
 
 
 def _still_needed(chain: Chain, found: Found, ground: Ground) -> tuple[Chain, Found]:
-    """Withdraw what was named and the curve holds, as a bias that is the constant part of it."""
+    """Withdraw what was named and the curve holds, as a bias that is the constant part of it.
+
+    But where the curve would be little else than this constant, it is a bias.
+    """
     for k, finding in enumerate(chain.findings):
         fit = search(found.fit.candidate.without(finding.index), ground.parts, 25)
         with_it, bare = criterion([found.fit, fit])
-        if bare < with_it + CLEARLY:
+        stays = (is_bias(chain.fit.candidate.effects[finding.index])
+                 and is_mostly_constant(fit, ground.parts))
+        if bare < with_it + CLEARLY and not stays:
             after = ground.without(chain, [finding])[0]
             helps = proof(after, fit, ground.unseen, ground.seed)
             return _still_needed(Chain(after, other_findings(chain, k)),

@@ -61,8 +61,8 @@ def judge(trace: Trace) -> Verdict:
 def is_structured(trace: Trace, level: float) -> bool:
     """Whether what is left depends on anything, by tests at this level."""
     share, p_value = trace.foretold
-    return bool(trace.depends_on or trace.lines or drifts(trace.drifts) or trace.is_stranger
-                or is_loud(trace) or (p_value < level and share > LEFT))
+    return bool(trace.depends_on or trace.lines or trace.bursts or drifts(trace.drifts)
+                or trace.is_stranger or is_loud(trace) or (p_value < level and share > LEFT))
 
 
 def is_loud(trace: Trace) -> bool:

@@ -104,7 +104,7 @@ def pushed(force, samples=1500, substeps=4, **parameters):
     system = assemble(plant, {'M': 10.0, 'F_v': 5.0},
                       [place('friction', 'motor', parameters, plant)], 0.001, substeps)
     seen = np.empty((samples, len(plant.ports) + 2))
-    x = system.run(force(0.001 * np.arange(samples))[:, None], np.zeros(2), seen)
+    x = system.run(force(0.001 * np.arange(samples))[:, None], np.zeros(2), seen=seen)
     return x, seen[:, -2]
 
 

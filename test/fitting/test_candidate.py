@@ -5,6 +5,7 @@ import numpy as np
 import pytest
 
 from hydro_twin.fitting.candidate import Candidate, Part, parts_of
+from hydro_twin.fitting.start import START
 from hydro_twin.model import place
 from hydro_twin.plants import plant_named
 from hydro_twin.recording.series import Recording
@@ -51,18 +52,40 @@ def test_near_by_the_start_follows_in_one_step():
     assert near.x == pytest.approx(moved.start(part).x, rel=1e-3)
 
 
-def test_a_cut_through_the_motion_of_a_shaft_with_backlash():
-    """The laws change with the side of the gap, so that one step does not lead there."""
+def shaft(*effect):
+    """A load simulator with an effect, and six seconds of it by another integrator."""
     plant = plant_named('load_simulator')
     values = plant.constant_values() | {p.name: (p.lower * p.upper) ** 0.5
                                         for p in plant.parameters}
-    gap = place('backlash', 'coupling', {'gap': 3e-3}, plant)
-    recorded = simulate(plant, values, [gap], {
+    placed = place(*effect, plant)
+    recorded = simulate(plant, values, [placed], {
         'u_m': lambda t: 0.05 * np.sin(2 * np.pi * 3.1 * t) + 0.05 * np.sin(2 * np.pi * 7.7 * t),
         'theta_d': lambda t: 0.02 * np.sin(2 * np.pi * 1.3 * t)}, 6.0)
-    candidate = Candidate(plant, values, plant.sample_time, (gap,), substeps=16)
+    return Candidate(plant, values, plant.sample_time, (placed,), substeps=16), recorded
+
+
+@pytest.mark.parametrize('effect', [
+    ('backlash', 'coupling', {'gap': 3e-3}), ('hysteresis', 'command', {'width': 0.02}),
+    ('hysteresis', 'spool', {'width': 2e-6})])
+def test_a_cut_through_the_motion(effect):
+    """The laws change with the side of a gap, or hang on what was before the cut."""
+    candidate, recorded = shaft(*effect)
     missed = []
     for begin in range(100, len(recorded) - 150, 50):
-        part, = parts_of(Recording((recorded.part(begin, begin + 150),)), plant)
+        part, = parts_of(Recording((recorded.part(begin, begin + 150),)), candidate.plant)
         missed.append(np.sqrt(np.mean(candidate.residual(part)**2)) / np.std(part.measured))
     assert np.quantile(missed, 0.9) < 0.005
+
+
+def test_within_a_gap_the_start_is_told_by_the_side_that_is_met():
+    """A tenth of a second at rest in the gap shows nothing of where in it."""
+    candidate, recorded = shaft('backlash', 'coupling', {'gap': 3e-3})
+    still = 120
+    inputs = np.column_stack([recorded['u_m'], recorded['theta_d']])
+    inputs[:still] = 0.0, inputs[still, 1]
+    state = np.zeros(candidate.plant.order)
+    state[candidate.plant.states.index('theta_j')] = inputs[0, 1] - 2e-3
+    measured = candidate.system.run(inputs, state)
+    assert np.ptp(measured[:START]) < 0.01 * np.ptp(measured)
+    part = Part(inputs, measured)
+    assert np.std(candidate.residual(part)) < 0.01 * np.std(measured)

@@ -190,7 +190,7 @@ def coast(coulomb, velocity, substeps, samples=2000):
     system = assemble(plant, {'M': 10.0, 'F_v': 5.0},
                       [place('friction', 'motor', {'coulomb': coulomb}, plant)], 0.001, substeps)
     seen = np.empty((samples, len(plant.ports) + 2))
-    x = system.run(np.zeros((samples, 1)), np.array([velocity, 0.0]), seen)
+    x = system.run(np.zeros((samples, 1)), np.array([velocity, 0.0]), seen=seen)
     return x, seen[:, -2]
 
 

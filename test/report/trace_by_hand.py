@@ -11,7 +11,7 @@ from hydro_twin.model import place
 from hydro_twin.plants import plant_named
 from hydro_twin.residual.chain import Finding
 from hydro_twin.residual.curve import Found
-from hydro_twin.residual.noise import is_white, Line, noise_floor
+from hydro_twin.residual.noise import Burst, is_white, Line, noise_floor
 from hydro_twin.residual.proof import Improvement, improvement
 from hydro_twin.residual.screen import Hidden
 from hydro_twin.residual.select import Contender, search, stretches
@@ -81,6 +81,7 @@ def trace(name, found=True, curve=False, seconds=0.6, source='a bag'):
                           [after.candidate.residual(p) for p in test], 0),
         unseen=after.error, floor=noise_floor(stretches(after)), white=is_white(stretches(after)),
         lines=() if found else (Line(50.25, 0.125),),
+        bursts=() if found else (Burst(0, 50, 100),),
         depends_on=() if found and not curve else (
             Dependence(port, 'value', 0.625, 3.5e-7, np.linspace(-1.0, 1.0, 5),
                        np.arange(5.0)),),

@@ -3,7 +3,15 @@ import numpy as np
 import pytest
 from scipy.signal import lfilter
 
-from hydro_twin.residual.noise import autoregression, is_white, lines, noise_floor, whiten
+from hydro_twin.residual.noise import (
+    autoregression,
+    Burst,
+    bursts,
+    is_white,
+    lines,
+    noise_floor,
+    whiten,
+)
 
 T = 0.002
 
@@ -92,3 +100,20 @@ def test_noise_has_no_lines(memory):
 
 def test_too_short_for_a_line():
     assert lines([np.sin(np.arange(100))], T) == []
+
+
+@pytest.mark.parametrize('memory', [0.0, 0.7, 0.97])
+def test_noise_has_no_bursts(memory):
+    assert not any(bursts(noise(seed, 900, 600, memory=memory)) for seed in range(200))
+
+
+def test_a_burst_is_told_by_when_it_comes():
+    first, second = noise(3, 900, 600)
+    second[215:260] += 8.0 * np.sin(1.3 * np.arange(45))
+    assert bursts([first, second]) == [Burst(1, 200, 300)]
+
+
+def test_what_comes_again_and_again_is_no_burst():
+    """As where a law is lacking that acts at each turn of a motion."""
+    r = noise(4, 1500)[0] + 8.0 * (np.arange(1500) % 250 < 50)
+    assert bursts([r]) == []

@@ -205,6 +205,21 @@ def test_a_line_is_left_to_be_told(tmp_path):
     assert '50.' in report['remainder']['says']
 
 
+@pytest.mark.slow
+def test_what_happened_once_is_told_by_when():
+    """A disturbance of a tenth of a second, two seconds after the bag began."""
+    quiet = record(seed=5, **SHORT)
+    first, second = quiet.series
+    torque = first['T_g'] + 6.0 * np.exp(-((np.arange(len(first)) * 0.002 - 2.0) / 0.03)**2)
+    shaken = replace(first, columns={**first.columns, 'T_g': torque})
+    report = report_of(Recording((shaken, second)))
+    assert (report['verdict'], report['effects']) == ('unexplained', [])
+    (spell,) = report['remainder']['when']
+    assert spell['bag'] == first.source
+    assert spell['from_s'] < 2.0 < spell['to_s'] < spell['from_s'] + 0.35
+    assert 'most of it comes' in report['says']
+
+
 @pytest.fixture(scope='module')
 def files(rubbing, tmp_path_factory):
     """Write the recording to a bag, and to one with the rig's own units and topics."""
