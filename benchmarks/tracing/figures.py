@@ -110,6 +110,9 @@ def _figures(lines: Sequence[Line]) -> list[str]:
                            lambda x: outcome(x) == 'right'))
         rows.append(_share(f'pair, {snr:.0f} dB, each shows alone: a third named', both,
                            lambda x: bool(set(named(x)) - set(x['effects']))))
+        visible = [x for x in of('pair', snr) if min(x['shows_beside'].values()) >= SHOWS]
+        rows.append(_share(f'pair, {snr:.0f} dB, each shows beside the other: both named', visible,
+                           lambda x: outcome(x) == 'right'))
     for kind in ('single', 'pair'):
         ratios = [x['report']['after']['free_run']['test'] / x['true_error']
                   for x in of(kind) if outcome(x) == 'right']

@@ -12,7 +12,13 @@ from benchmarks.tracing.rigs import BOX, Rig
 from benchmarks.tracing.signals import FloatArray
 from hydro_twin.effects import EFFECTS, Placed
 from hydro_twin.fitting.candidate import Candidate, parts_of
-from hydro_twin.fitting.free_run import effect_unknowns, plant_unknowns, Problem, timing_unknowns
+from hydro_twin.fitting.free_run import (
+    effect_unknowns,
+    Fit,
+    plant_unknowns,
+    Problem,
+    timing_unknowns,
+)
 from hydro_twin.plants.load_simulator import LOAD_SIMULATOR
 from hydro_twin.predictors.scores import rms
 from hydro_twin.recording.series import Recording, split
@@ -58,15 +64,27 @@ def true_structure(rig: Rig, substeps: int = 8) -> Candidate:
 
 def true_fit(rig: Rig) -> float:
     """Fit the true structure to the training part; return its error on the test part [N m]."""
-    train, test = split(rig.recording())
-    start = true_structure(rig)
+    return error(_fitted(true_structure(rig), rig).candidate, split(rig.recording())[1])
+
+
+def shows_beside(rig: Rig) -> dict[str, float]:
+    """Return for each effect how far the error of the training part rises where it is left out.
+
+    Relative to the fit of the true structure, from whose parameters the fit without it begins.
+    """
+    whole = _fitted(true_structure(rig), rig)
+    return {placed.effect.id: _fitted(whole.candidate.without(k), rig).error / whole.error - 1.0
+            for k, placed in enumerate(whole.candidate.effects)}
+
+
+def _fitted(start: Candidate, rig: Rig) -> Fit:
     unknowns = plant_unknowns(start.plant, 'physical')
     for i, placed in enumerate(start.effects):
         unknowns += effect_unknowns(i, placed)
     if start.timing:
         unknowns += timing_unknowns(start.plant, start.sample_time)
-    fit = Problem(start, unknowns, parts_of(train, start.plant)).solve()
-    return error(fit.candidate, test)
+    train, _ = split(rig.recording())
+    return Problem(start, unknowns, parts_of(train, start.plant)).solve()
 
 
 def error(candidate: Candidate, recording: Recording) -> float:

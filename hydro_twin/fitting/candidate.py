@@ -4,6 +4,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from functools import cached_property
+import math
 
 import numpy as np
 from scipy.linalg import expm
@@ -18,6 +19,7 @@ from hydro_twin.predictors.system import assemble, System
 from hydro_twin.recording.series import Recording
 
 STILL = 0.1             # of the movement of a part: its begin is longer where it moves less
+LOST = 10.0             # and less than so many times the noise
 LONGEST = 8 * START     # samples
 
 
@@ -41,9 +43,10 @@ class Part:
 
         Within a gap, nothing tells where until a side is met.
         """
+        noise = np.std(np.diff(self.measured, 2)) / math.sqrt(6.0)
+        still = min(STILL * np.std(self.measured), LOST * noise)
         n = min(START, len(self.measured))
-        moves = STILL * np.std(self.measured)
-        while n < min(LONGEST, len(self.measured) // 2) and np.std(self.measured[:n]) < moves:
+        while n < min(LONGEST, len(self.measured) // 2) and np.std(self.measured[:n]) <= still:
             n *= 2
         return n
 

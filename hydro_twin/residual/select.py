@@ -126,7 +126,8 @@ def likelihood_gain(before: Sequence[FloatArray], after: Sequence[FloatArray]) -
 
 
 def contend(base: Fit, parts: Sequence[Part], most: int, afresh: bool,
-            progress: Callable[[str], None] = lambda _: None) -> list[Contender]:
+            progress: Callable[[str], None] = lambda _: None,
+            known: Sequence[Candidate] = ()) -> list[Contender]:
     """Fit effects on top of a base in full; best first.
 
     A small score does not rule an effect out: re-tuning may imitate it where the base stands,
@@ -139,12 +140,13 @@ def contend(base: Fit, parts: Sequence[Part], most: int, afresh: bool,
         most: how many effects to fit, by their score; delays, which are cheap, always.
         afresh: whether to fit every effect with the plant from the middle of its box, too.
         progress: told what is being fitted.
+        known: more places to start from, each with one effect more than the base.
     """
     prospects = screen(base, parts)
     if not afresh and nothing_shows(base, prospects):
         return []
     near = [with_effect(base.candidate, placed) for placed in shortlist(prospects, most)]
-    plain = []
+    plain = list(known)
     if afresh:
         middle = {name: math.exp(0.5 * (low + high))
                   for name, (low, high) in usual(base.candidate.plant).items()}

@@ -130,14 +130,15 @@ def trace(recording: Recording, test: Recording | None, plant: Plant,
     too_short = max(map(len, recording.series)) < SIXTH * 2 * START
     if too_short or not found.is_stranger:
         return found
-    again = _trace(*split(recording, SIXTH, 1), plant, constants, model, seed, progress)
+    again = _trace(*split(recording, SIXTH, 1), plant, constants, model, seed, progress,
+                   found.after.candidate)
     return replace(again, tested=SIXTH) if len(again.findings) >= len(found.findings) else found
 
 
 def _trace(train: Recording, test: Recording, plant: Plant,
            constants: Mapping[str, float] | None, model: Model | None, seed: int,
-           progress: Callable[[str], None]) -> Trace:
-    """Do so once."""
+           progress: Callable[[str], None], known: Candidate | None = None) -> Trace:
+    """Do so once; `known` is a model that was found of the like."""
     whole, unseen = parts_of(train, plant), parts_of(test, plant)
     sample_time = train.series[0].sample_time
     fine = excerpt(whole)
@@ -156,7 +157,11 @@ def _trace(train: Recording, test: Recording, plant: Plant,
     base = before
     if factor > 1 or model is not None:
         base = search(resampled(before.candidate, factor * sample_time), parts, 40)
-    contenders = contend(base, parts, EVERY, True, progress)
+    given = len(base.candidate.effects)
+    alone = [] if known is None else [
+        replace(resampled(known, base.candidate.sample_time),
+                effects=(*known.effects[:given], placed)) for placed in known.effects[given:]]
+    contenders = contend(base, parts, EVERY, True, progress, alone)
     if contenders:
         base = without_last(base, contenders[0].fit, parts)
     ground = Ground(parts, others, seed, progress)

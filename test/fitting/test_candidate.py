@@ -53,7 +53,7 @@ def test_near_by_the_start_follows_in_one_step():
 
 
 def shaft(*effect):
-    """A load simulator with an effect, and six seconds of it by another integrator."""
+    """Make a load simulator with an effect, and six seconds of it by another integrator."""
     plant = plant_named('load_simulator')
     values = plant.constant_values() | {p.name: (p.lower * p.upper) ** 0.5
                                         for p in plant.parameters}

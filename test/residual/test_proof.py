@@ -68,7 +68,8 @@ class Fitted:
 def test_the_error_of_a_start_is_not_blamed_on_the_laws():
     """A mass drifts off with the error of its first velocity, though its laws are true."""
     plant, values, noise = plant_named('positioning'), {'M': 95.0, 'F_v': 20.0}, 1e-4
-    one = simulate(plant, values, [], {'force': lambda t: 50 * np.sin(2 * np.pi * t)}, 3.0)
+    one = simulate(plant, values, [], {'force': lambda t: 50 * np.sin(2 * np.pi * t)}, 3.5)
+    one = one.part(500, 3500)       # from amid its motion
     x = one['x'] + noise * np.random.default_rng(0).standard_normal(len(one))
     parts = parts_of(Recording((replace(one, columns={**one.columns, 'x': x}),)), plant)
     fit = Fitted(Candidate(plant, values, plant.sample_time))
