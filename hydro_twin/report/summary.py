@@ -94,7 +94,7 @@ def sentence(trace: Trace, verdict: Verdict) -> str:
 
 
 def when(trace: Trace) -> list[dict[str, Any]]:
-    """Say when most of what is left comes, if seldom, in seconds from the begin of its bag."""
+    """Say when much of what is left comes, if seldom, in seconds from the begin of its bag."""
     parts, sample_time = [*trace.train, *trace.test], trace.after.candidate.sample_time
     begin = {bag: min(part.start for part in parts if part.source == bag)
              for bag in {part.source for part in parts}}
@@ -135,7 +135,7 @@ def remainder_sentence(trace: Trace) -> str:
                      f'({first.share:.0%} of what is left)')
     if spells := when(trace):
         first, last = spells[0]['from_s'], spells[-1]['to_s']
-        parts.append(f'most of it comes in {sum(s["to_s"] - s["from_s"] for s in spells):.1f} s, '
+        parts.append(f'much of it comes in {sum(s["to_s"] - s["from_s"] for s in spells):.1f} s, '
                      + (f'from {first:.1f} to {last:.1f} s' if len(spells) == 1 else
                         f'in {len(spells)} spells, the first at {first:.1f} s')
                      + (f' of {spells[0]["bag"]}' if spells[0]['bag'] else ''))

@@ -13,7 +13,7 @@ LAGS = 25
 CONFIDENCE = 0.99
 SPELL = 50              # samples of which the power is taken together, to see when it is large
 BURST = 4.0             # power of such, over what three in four stay below, that is loud
-SELDOM, MOSTLY = 0.1, 0.5       # most time that bursts may take, least of the power they hold
+SELDOM, MUCH = 0.1, 0.4         # most time that bursts may take, least of the power they hold
 SPELLS = 20             # fewer do not tell what is seldom
 
 
@@ -125,7 +125,7 @@ def _running_median(values: FloatArray, width: int) -> FloatArray:
 
 @dataclass(frozen=True)
 class Burst:
-    """When most of a residual comes.
+    """When much of a residual comes.
 
     Attributes:
         stretch: index of the stretch.
@@ -138,7 +138,7 @@ class Burst:
 
 
 def bursts(stretches: Sequence[FloatArray]) -> list[Burst]:
-    """Find when a residual comes, if half of its power or more comes in a tenth of the time.
+    """Find when a residual comes, if four tenths of its power come in a tenth of the time or less.
 
     So it does where something happened once, and not where a law is lacking that acts all along,
     nor in noise, white or coloured.
@@ -150,7 +150,7 @@ def bursts(stretches: Sequence[FloatArray]) -> list[Burst]:
     energy = np.array([float(np.sum(stretches[s.stretch][s.begin:s.end] ** 2)) for s in spells])
     power = energy / [s.end - s.begin for s in spells]
     loud = power > BURST * np.quantile(power, 0.75)
-    if loud.mean() > SELDOM or energy[loud].sum() < MOSTLY * energy.sum():
+    if loud.mean() > SELDOM or energy[loud].sum() < MUCH * energy.sum():
         return []
     found: list[Burst] = []
     for k in np.flatnonzero(loud):

@@ -59,7 +59,7 @@ class Trace:
         proof: the improvement on the test parts, by what was named and by the curve.
         unseen: RMS of the residual of `after` on the like of the test parts, but for their starts.
         floor: estimated RMS of the noise.
-        bursts: when most of what is left comes, if seldom; in `train`, then in `test`.
+        bursts: when much of what is left comes, if seldom; in `train`, then in `test`.
         depends_on: what the residual of `after` still depends on.
         drifts: (share, p-value) of a drift of the parameters in what is left.
         foretold: (share, p-value) of what is left that the signals at the ports foretell.

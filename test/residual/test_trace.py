@@ -217,7 +217,7 @@ def test_what_happened_once_is_told_by_when():
     (spell,) = report['remainder']['when']
     assert spell['bag'] == first.source
     assert spell['from_s'] < 2.0 < spell['to_s'] < spell['from_s'] + 0.35
-    assert 'most of it comes' in report['says']
+    assert 'much of it comes' in report['says']
 
 
 @pytest.fixture(scope='module')
