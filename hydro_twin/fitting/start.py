@@ -7,10 +7,10 @@ import numpy as np
 
 from hydro_twin.plants.plant import FloatArray
 from hydro_twin.predictors.scores import rms
-from hydro_twin.predictors.system import System
+from hydro_twin.predictors.system import IntArray, System
 
 START = 50              # samples at the begin of a part that set its state, and are not scored
-MOVES = 0.5             # of the mean square that rest misses: less is left by a start in motion
+MOVES = 0.5             # of the mean square missed: less is left where a run starts otherwise
 NEARER = 0.9            # of the mean square missed: more is left by the last step of a search
 NEAR = 0.05             # of the movement: a start that misses less is not on a wrong side
 STEPS = 8               # of that search
@@ -45,8 +45,9 @@ def find_start(system: System, response: FloatArray, inputs: FloatArray, measure
 
     From rest, by a search with damped steps [Levenberg 1944], under the whole model. States that
     the output does not tell stay near there: a deviation costs as if the output were measured to
-    one per cent. Where a gap or a play may stand on either side, or between, a search ends at any
-    of them; so from other sides it is begun again, if that tempts.
+    one per cent. Where a gap may stand on either side, a search ends at any; and what a play holds
+    is nought in it. So, where much is missed, it is begun again from other sides, with what is
+    kept as one more coordinate.
 
     Args:
         system: the model.
@@ -61,7 +62,7 @@ def find_start(system: System, response: FloatArray, inputs: FloatArray, measure
     size = max(rms(measured - measured.mean()), least)
     shown = np.sqrt(np.mean(response**2, axis=0))
     scale = np.concatenate([size / np.where(shown > 0.0, shown, 1.0), width])
-    free = np.flatnonzero(scale > 0.0)
+    every = np.flatnonzero(scale > 0.0)
     units = np.diag(scale)
     linear = np.hstack([response * scale[:n], np.zeros((len(measured), len(width)))])
 
@@ -71,13 +72,12 @@ def find_start(system: System, response: FloatArray, inputs: FloatArray, measure
 
     def gain(columns: FloatArray, held: float) -> FloatArray:
         """Return how far an output missed by one moves the state, (n + memory, N)."""
-        found = np.zeros(columns.T.shape)
-        if np.isfinite(columns).all():
-            moving = columns[:, free]
-            normal = moving.T @ moving
-            ridge = (held * size) ** 2 + 1e-12 * np.trace(normal)
-            found[free] = scale[free, None] * np.linalg.solve(
-                normal + max(ridge, 1e-300) * np.eye(len(free)), moving.T)
+        if not np.isfinite(columns).all():
+            return np.zeros(columns.T.shape)
+        normal = columns.T @ columns
+        ridge = (held * size) ** 2 + 1e-12 * np.trace(normal)
+        found: FloatArray = scale[:, None] * np.linalg.solve(
+            normal + max(ridge, 1e-300) * np.eye(len(scale)), columns.T)
         return found
 
     def step(here: _At, columns: FloatArray, held: float, enough: float) -> _At:
@@ -85,26 +85,26 @@ def find_start(system: System, response: FloatArray, inputs: FloatArray, measure
         if not np.isfinite(here.power):
             return here
         moved = gain(columns, held) @ here.missed
-        foretold = here.missed - columns[:, free] @ (moved[free] / scale[free])
+        foretold = here.missed - columns[:, every] @ (moved[every] / scale[every])
         if not foretold @ foretold < enough * here.power:
             return here
         there = at(here.state + moved)
         return there if there.power < enough * here.power else here
 
-    def slopes(here: _At) -> FloatArray:
-        """Differences of the output by each coordinate, inwards from an edge, (N, n + memory)."""
+    def slopes(here: _At, free: IntArray) -> FloatArray:
+        """Differences of the output by free coordinates, inwards from an edge, (N, n + memory)."""
         columns = np.zeros(linear.shape)
         for i in free:
             inwards = -0.01 if i >= n and here.state[i] > kept[i - n].mean() else 0.01
             columns[:, i] = (here.missed - at(here.state + inwards * units[i]).missed) / inwards
         return columns
 
-    def search(here: _At) -> tuple[_At, FloatArray]:
-        """Search from a state; returns also the gain at the end."""
+    def search(here: _At, free: IntArray) -> tuple[_At, FloatArray]:
+        """Search from a state along free coordinates; returns also the gain at the end."""
         # What sticks at rest has no derivative there: first by the linear laws, if it moves.
         here = step(here, linear, HELD, MOVES)
         for _ in range(STEPS):
-            columns, before = slopes(here), here
+            columns, before = slopes(here, free), here
             for held in DAMPED:
                 if here is before:
                     here = step(here, columns, held, NEARER)
@@ -115,7 +115,7 @@ def find_start(system: System, response: FloatArray, inputs: FloatArray, measure
     here = at(np.concatenate([rest, np.zeros(len(width))]))
     if len(system.table) == 0:
         return _start(step(here, linear, HELD, 1.0), gain(linear, HELD), n)
-    best, follows = search(here)
+    best, follows = search(here, every[every < n])
     if best.power > (NEAR * size) ** 2 * len(measured):
         sides = [best.state + side * unit for unit in units[:n] for side in (-1.0, 1.0)]
         for i in np.flatnonzero(width):
@@ -124,8 +124,8 @@ def find_start(system: System, response: FloatArray, inputs: FloatArray, measure
         there = min((at(side + follows @ np.nan_to_num(at(side).missed)) for side in sides),
                     key=lambda side: side.power)
         if there.power < NEARER * best.power:
-            there, others = search(there)
-            if there.power < NEARER * best.power:
+            there, others = search(there, every)
+            if there.power < MOVES * best.power:
                 best, follows = there, others
     return _start(best, follows, n)
 
