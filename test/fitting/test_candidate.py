@@ -65,8 +65,7 @@ def shaft(*effect):
 
 
 @pytest.mark.parametrize('effect', [
-    ('backlash', 'coupling', {'gap': 3e-3}), ('hysteresis', 'command', {'width': 0.02}),
-    ('hysteresis', 'spool', {'width': 2e-6})])
+    ('backlash', 'coupling', {'gap': 3e-3}), ('hysteresis', 'command', {'width': 0.02})])
 def test_a_cut_through_the_motion(effect):
     """The laws change with the side of a gap, or hang on what was before the cut."""
     candidate, recorded = shaft(*effect)
@@ -74,7 +73,7 @@ def test_a_cut_through_the_motion(effect):
     for begin in range(100, len(recorded) - 150, 50):
         part, = parts_of(Recording((recorded.part(begin, begin + 150),)), candidate.plant)
         missed.append(np.sqrt(np.mean(candidate.residual(part)**2)) / np.std(part.measured))
-    assert np.quantile(missed, 0.9) < 0.005
+    assert np.quantile(missed, 0.9) < 0.002
 
 
 def test_within_a_gap_the_start_is_told_by_the_side_that_is_met():
