@@ -147,7 +147,7 @@ def test_leg(shell: Shell, tmp_path: Path) -> None:
                   maps / 'leg_rig.yaml', '-o', tmp_path / 'out')
     assert [(effect['id'], effect['certain']) for effect in found['effects']] == [
         ('hysteresis', False)]
-    assert (found['found']['port'], found['found']['signal']) == ('flow', 'opening')
+    assert (found['found']['port'], found['found']['signal']) == ('flow', 'load_pressure')
     documented('linear, of the shape', f'{found["before"]["free_run"]["test"]:.1f}')
     documented('with what is found', f'{found["after"]["free_run"]["test"]:.1f}')
 

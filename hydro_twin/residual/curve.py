@@ -125,10 +125,18 @@ def is_bias(placed: Placed) -> bool:
 
 
 def is_mostly_constant(fit: Fit, parts: Sequence[Part]) -> bool:
-    """Whether the curve of a fit, its last effect, adds little else than a constant."""
+    """Whether the curve of a fit, its last effect, adds a constant and little else.
+
+    But for a straight line, which the parameters of the plant can take off it.
+    """
     placed = fit.candidate.effects[-1]
-    added = np.concatenate([passing(fit.candidate, placed, part).added for part in parts])
-    return bool(np.mean(added) ** 2 > CONSTANT * np.mean(added**2))
+    seen = [passing(fit.candidate, placed, part) for part in parts]
+    added = np.concatenate([one.added for one in seen])
+    signal = np.concatenate([one.signals[placed.effect.reads[0]] for one in seen])
+    mean, moved = added.mean(), signal - signal.mean()
+    slope = (moved @ added) / max(float(moved @ moved), 1e-300)
+    bent = added - mean - slope * moved
+    return bool(mean**2 > CONSTANT * (mean**2 + np.mean(bent**2)))
 
 
 def distinct(curves: Sequence[Dependence]) -> list[Dependence]:

@@ -1,21 +1,20 @@
 """A curve that stands for a law without a name: found where the law is, and only there."""
+from dataclasses import replace
+
 import numpy as np
 import pytest
-from traced_rig import fitted, record
+from traced_rig import fitted, PLANT, record
 
-from hydro_twin.effects.curve import values
-from hydro_twin.residual.curve import find_curve
+from hydro_twin.effects.curve import curve, KNOTS, values
+from hydro_twin.residual.curve import find_curve, is_mostly_constant
 from hydro_twin.residual.passing import passing
+from hydro_twin.residual.screen import spans
 from hydro_twin.residual.structure import free_curves
 
 
-def found(*effects):
-    fit, train, test = fitted(record(*effects))
-    return find_curve(fit, train, test, free_curves(fit, train), 0)
-
-
 def test_a_linear_rig_has_none():
-    assert found() is None
+    fit, train, test = fitted(record())
+    assert find_curve(fit, train, test, free_curves(fit, train), 0) is None
 
 
 @pytest.mark.slow
@@ -25,12 +24,12 @@ def test_a_linear_rig_has_none():
 ])
 def test_is_the_law_but_for_a_straight_line(law, ports, shape):
     fit, train, test = fitted(record(law))
-    curve = find_curve(fit, train, test, free_curves(fit, train), 0)
-    placed = curve.placed
+    found = find_curve(fit, train, test, free_curves(fit, train), 0)
+    placed = found.placed
     assert placed.port.name in ports
     assert placed.effect.reads[0] in {'value', 'opening', 'twist'}
-    assert curve.proof.low > 0.9
-    model = curve.fit.candidate
+    assert found.proof.low > 0.9
+    model = found.fit.candidate
     seen = [passing(model, placed, part).signals[placed.effect.reads[0]] for part in train]
     x = np.concatenate(seen)[::20]      # as often as the rig was there
     x = x[(x > placed.values[0]) & (x < placed.values[1])]
@@ -42,3 +41,17 @@ def test_is_the_law_but_for_a_straight_line(law, ports, shape):
     drawn = bent(values(placed, x))
     assert max(np.corrcoef(drawn, bent(shape(x - zero)))[0, 1]
                for zero in np.linspace(-0.3, 0.3, 61) * x.max()) > 0.98
+
+
+@pytest.mark.parametrize(('shape', 'constant'), [
+    (lambda x: 1.0 + 0.0 * x, True), (lambda x: 1.0 + 3.0 * x, True),
+    (lambda x: 1.0 + 3.0 * x**3, False), (lambda x: x**3, False), (lambda x: 0.0 * x, False)])
+def test_a_constant_and_a_line_are_mostly_a_constant(shape, constant):
+    """The line is the gain of the valve over again."""
+    fit, train, _ = fitted(record(count=1, duration=1.2))
+    port = next(port for port in PLANT.ports if port.name == 'flow')
+    reach = spans(fit.candidate, train)[port]
+    high = reach.signals['opening']
+    added = 1e-3 * reach.value * shape(np.linspace(-1.0, 1.0, KNOTS))
+    model = replace(fit.candidate, effects=(curve(port, 'opening', -high, high, added),))
+    assert is_mostly_constant(replace(fit, candidate=model), train) == constant
