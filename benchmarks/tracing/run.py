@@ -20,7 +20,7 @@ from rich.progress import Progress
 from benchmarks.tracing.cases import Case, case_of, cases, FIRST_SEED, KINDS
 from benchmarks.tracing.figures import read, report
 from benchmarks.tracing.linear_fit import shows
-from benchmarks.tracing.true_fit import shows_beside, true_fit
+from benchmarks.tracing.true_fit import error_on_test, shows_beside, true_fit
 
 
 def main() -> None:
@@ -72,18 +72,20 @@ def trace_case(case: Case) -> dict[str, Any]:
     from hydro_twin.residual.verdict import judge
 
     rig = case.rig()
-    alone, beside = {}, {}
+    alone = {}
     if case.kind == 'pair':
-        beside = shows_beside(rig)
         one, other = case.effects
         alone = {one: shows(case.rig(left_out=(other,))), other: shows(case.rig(left_out=(one,)))}
     line: dict[str, Any] = {
         'seed': case.seed, 'kind': case.kind, 'effects': case.effects, 'snr_db': case.snr_db,
         'excitation': case.excitation, 'truth': rig.truth.summary(), 'shows': shows(rig),
-        'shows_alone': alone, 'shows_beside': beside, 'true_error': None,
+        'shows_alone': alone, 'shows_beside': {}, 'true_error': None,
     }
     if case.kind in ('none', 'single', 'pair'):     # the library describes these
-        line['true_error'] = true_fit(rig)
+        best = true_fit(rig)
+        line['true_error'] = error_on_test(best, rig)
+        if case.kind == 'pair':
+            line['shows_beside'] = shows_beside(best, rig)
     begin = time.perf_counter()
     try:
         found = trace(rig.recording(), None, LOAD_SIMULATOR)

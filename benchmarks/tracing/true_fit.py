@@ -62,17 +62,21 @@ def true_structure(rig: Rig, substeps: int = 8) -> Candidate:
     return Candidate(LOAD_SIMULATOR, values, sample_time, placed, timing, substeps)
 
 
-def true_fit(rig: Rig) -> float:
-    """Fit the true structure to the training part; return its error on the test part [N m]."""
-    return error(_fitted(true_structure(rig), rig).candidate, split(rig.recording())[1])
+def true_fit(rig: Rig) -> Fit:
+    """Fit the true structure to the training part."""
+    return _fitted(true_structure(rig), rig)
 
 
-def shows_beside(rig: Rig) -> dict[str, float]:
+def error_on_test(fit: Fit, rig: Rig) -> float:
+    """Return the error of a fit on the test part of its rig [N m]."""
+    return error(fit.candidate, split(rig.recording())[1])
+
+
+def shows_beside(whole: Fit, rig: Rig) -> dict[str, float]:
     """Return for each effect how far the error of the training part rises where it is left out.
 
     Relative to the fit of the true structure, from whose parameters the fit without it begins.
     """
-    whole = _fitted(true_structure(rig), rig)
     return {placed.effect.id: _fitted(whole.candidate.without(k), rig).error / whole.error - 1.0
             for k, placed in enumerate(whole.candidate.effects)}
 

@@ -99,6 +99,8 @@ class System:
                 kernel.Z_BEGIN, kernel.Z_END, kernel.IMPLICIT]]:
             if end > begin and not implicit:
                 z[:, begin] = -BEYOND, BEYOND
+        if not z.any():
+            return z.T
         for edge in z:
             work = self.work()
             kernel.output(self.H, self.table, self.active, self.p, self.shift, x, edge.copy(),

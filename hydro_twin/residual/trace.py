@@ -244,9 +244,8 @@ def _still_needed(chain: Chain, found: Found, ground: Ground) -> tuple[Chain, Fo
     for k, finding in enumerate(chain.findings):
         fit = search(found.fit.candidate.without(finding.index), ground.parts, 25)
         with_it, bare = criterion([found.fit, fit])
-        stays = (is_bias(chain.fit.candidate.effects[finding.index])
-                 and is_mostly_constant(fit, ground.parts))
-        if bare < with_it + CLEARLY and not stays:
+        biased = is_bias(chain.fit.candidate.effects[finding.index])
+        if bare < with_it + CLEARLY and not (biased and is_mostly_constant(fit, ground.parts)):
             after = ground.without(chain, [finding])[0]
             helps = proof(after, fit, ground.unseen, ground.seed)
             return _still_needed(Chain(after, other_findings(chain, k)),
