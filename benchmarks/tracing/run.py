@@ -6,7 +6,7 @@ python -m benchmarks.tracing.run -o out/held_out.jsonl --seeds held_out --count 
 from __future__ import annotations
 
 import argparse
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import as_completed, ProcessPoolExecutor
 import json
 from pathlib import Path
@@ -17,10 +17,12 @@ from typing import Any
 from rich.console import Console
 from rich.progress import Progress
 
-from benchmarks.tracing.cases import Case, case_of, cases, FIRST_SEED, KINDS
+from benchmarks.tracing.cases import case_of, cases, FIRST_SEED, KINDS
 from benchmarks.tracing.figures import read, report
 from benchmarks.tracing.linear_fit import shows
 from benchmarks.tracing.true_fit import error_on_test, shows_beside, true_fit
+
+TraceOne = Callable[[int], dict[str, Any]]     # of a seed, to a line of results
 
 
 def main() -> None:
@@ -39,38 +41,44 @@ def main() -> None:
     else:
         wanted = [case for kind in arguments.kinds
                   for case in cases(arguments.seeds, kind, arguments.count)]
-    arguments.output.parent.mkdir(parents=True, exist_ok=True)
-    known = read(arguments.output)
-    seeds = {line['seed'] for line in known}
-    missing = [case for case in wanted if case.seed not in seeds]
-    with arguments.output.open('w') as file:    # anew: an interrupt may have cut its last line
-        file.writelines(json.dumps(line) + '\n' for line in known)
-        for line in traced(missing, arguments.workers):
-            file.write(json.dumps(line) + '\n')
-            file.flush()
+    complete(arguments.output, [case.seed for case in wanted], trace_rig, arguments.workers)
     print(report(read(arguments.output)))
 
 
-def traced(wanted: list[Case], workers: int) -> Iterator[dict[str, Any]]:
-    """Trace the cases in that many processes, in whatever order they finish."""
+def complete(output: Path, seeds: Sequence[int], trace_one: TraceOne, workers: int) -> None:
+    """Trace the seeds that a file of results lacks, and add them to it."""
+    output.parent.mkdir(parents=True, exist_ok=True)
+    known = read(output)
+    there = {line['seed'] for line in known}
+    missing = [seed for seed in seeds if seed not in there]
+    with output.open('w') as file:    # anew: an interrupt may have cut its last line
+        file.writelines(json.dumps(line) + '\n' for line in known)
+        for line in traced(missing, trace_one, workers):
+            file.write(json.dumps(line) + '\n')
+            file.flush()
+
+
+def traced(seeds: Sequence[int], trace_one: TraceOne, workers: int) -> Iterator[dict[str, Any]]:
+    """Trace the rigs in that many processes, in whatever order they finish."""
     with ProcessPoolExecutor(workers) as pool, \
             Progress(console=Console(stderr=True)) as progress:
-        task = progress.add_task('tracing', total=len(wanted))
+        task = progress.add_task('tracing', total=len(seeds))
         try:
-            for done in as_completed([pool.submit(trace_case, case) for case in wanted]):
+            for done in as_completed([pool.submit(trace_one, seed) for seed in seeds]):
                 progress.advance(task)
                 yield done.result()
         finally:    # an interrupt must not wait for all the others
             pool.shutdown(cancel_futures=True)
 
 
-def trace_case(case: Case) -> dict[str, Any]:
+def trace_rig(seed: int) -> dict[str, Any]:
     """Return the truth, what the tracer said ('report' or 'failure') and how long it took."""
     from hydro_twin.plants.load_simulator import LOAD_SIMULATOR
     from hydro_twin.report.summary import summarise
     from hydro_twin.residual.trace import trace
     from hydro_twin.residual.verdict import judge
 
+    case = case_of(seed)
     rig = case.rig()
     alone = {}
     if case.kind == 'pair':

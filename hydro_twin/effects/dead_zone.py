@@ -27,6 +27,12 @@ def refined(span: Span, values: tuple[float, ...]) -> Starts:
     return [(width, 0.2 * width, 0.0), (width, -0.2 * width, 0.0), (1.3 * width, centre, 0.2)]
 
 
+def told(span: Span, values: tuple[float, ...]) -> bool:
+    """Where the zone is never entered, from one side, it is a bias for all one can see."""
+    width, _, leak = values
+    return span.low <= leak * width and span.high >= -leak * width
+
+
 EFFECT = Effect(
     id='dead_zone',
     title='dead zone',
@@ -41,5 +47,6 @@ EFFECT = Effect(
     starts=starts,
     excitation='use small slow commands about the middle',
     refined=refined,
+    told=told,
     law=law,
 )

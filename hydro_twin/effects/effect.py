@@ -34,18 +34,24 @@ class EffectParameter:
 
 @dataclass(frozen=True)
 class Span:
-    """What one recording reaches at a port under the model at hand: largest magnitudes.
+    """What one recording reaches at a port under the model at hand.
 
     Attributes:
-        value: of the port's value.
-        signals: of each signal there.
+        low, high: least and largest value that leaves the port.
+        signals: largest magnitude of each signal there.
         travel: of each signal there, from its least to its largest.
     """
 
-    value: float
+    low: float
+    high: float
     signals: Mapping[str, float]
     travel: Mapping[str, float]
     sample_time: float
+
+    @property
+    def value(self) -> float:
+        """Largest magnitude of the port's value."""
+        return max(abs(self.low), abs(self.high), 1e-12)
 
 
 Starts = Sequence[tuple[float, ...]]

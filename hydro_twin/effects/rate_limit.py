@@ -13,8 +13,11 @@ def law(v, s, p, z, h, c, z_next):  # type: ignore[no-untyped-def]
 
 
 def starts(span: Span) -> Starts:
-    """Limits at shares of the largest speed."""
-    return [(share * span.value, 0.0) for share in (0.95, 0.8, 0.6, 0.4, 0.25, 0.12)]
+    """Limits at shares of the largest speed.
+
+    A little uneven, so that a search finds limits that differ; alike ones are tried afterwards.
+    """
+    return [(share * span.value, 0.05) for share in (0.95, 0.8, 0.6, 0.4, 0.25, 0.12)]
 
 
 def refined(span: Span, values: tuple[float, ...]) -> Starts:

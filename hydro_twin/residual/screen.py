@@ -16,6 +16,7 @@ from hydro_twin.effects import Effect, EFFECTS, Placed, sites, Span
 from hydro_twin.fitting.candidate import Candidate, Part
 from hydro_twin.fitting.free_run import Fit
 from hydro_twin.fitting.parallel import in_processes
+from hydro_twin.fitting.start import START
 from hydro_twin.plants import Plant, Port
 from hydro_twin.plants.plant import FloatArray
 
@@ -39,21 +40,24 @@ class Prospect:
 
 
 def spans(candidate: Candidate, parts: Sequence[Part]) -> dict[Port, Span]:
-    """Find how far each port and signal moves when the candidate runs over the parts."""
+    """Find how far each port and signal moves when the candidate runs over the parts.
+
+    From the first scored sample on: a state that the first samples tell badly may start anywhere.
+    """
     plant = candidate.plant
     rows = len(candidate.system.H)
     low, high = np.full(rows, np.inf), np.full(rows, -np.inf)
     for part in parts:
         seen = np.zeros((len(part.inputs), rows))
         candidate.run(part, seen)
-        seen = np.nan_to_num(seen)
+        seen = np.nan_to_num(seen[START:])
         low, high = np.minimum(low, seen.min(axis=0)), np.maximum(high, seen.max(axis=0))
     largest = np.maximum(np.maximum(abs(low), abs(high)), 1e-12)
     found, at = {}, len(plant.ports)
     for row, port in enumerate(plant.ports):
         here = slice(at, at + len(port.signals))
         found[port] = Span(
-            float(largest[row]),
+            float(low[row]), float(high[row]),
             dict(zip(port.signals, largest[here].tolist(), strict=True)),
             dict(zip(port.signals, (high - low)[here].tolist(), strict=True)),
             candidate.sample_time)

@@ -20,7 +20,7 @@ def named(site):
 def wide(port):
     """Make a span in which every signal moves enough to show anything."""
     largest = {name: 5e6 if unit == 'Pa' else 3.0 for name, unit in port.signals.items()}
-    return Span(2.0, largest, {name: 2 * size for name, size in largest.items()}, 0.002)
+    return Span(-2.0, 2.0, largest, {name: 2 * size for name, size in largest.items()}, 0.002)
 
 
 def test_every_id_exists():
@@ -57,7 +57,7 @@ def test_parameters_have_bounds_that_hold(effect):
 
 
 @pytest.mark.parametrize('site', SITES, ids=named)
-def test_a_search_starts_within_the_bounds_and_with_the_simple_law(site):
+def test_a_search_starts_within_the_bounds_and_leads_to_the_simple_law(site):
     _, effect, port = site
     span = wide(port)
     starts = list(effect.starts(span))
@@ -66,7 +66,7 @@ def test_a_search_starts_within_the_bounds_and_with_the_simple_law(site):
         assert effect.told is None or effect.told(span, start)
         for p, value in zip(effect.parameters, start, strict=True):
             assert p.lower <= value <= p.upper
-            assert p.refinement is None or value == p.refinement
+            assert p.refinement in (None, value) or effect.refined is not None
     if effect.refined is None:
         assert all(p.refinement is None for p in effect.parameters)
         return
@@ -84,7 +84,7 @@ def test_starts_follow_the_unit_of_the_port(site):
     """In millivolts instead of volts, a search begins at the same place."""
     _, effect, port = site
     span = wide(port)
-    thousand = Span(1e3 * span.value, span.signals, span.travel, span.sample_time)
+    thousand = Span(1e3 * span.low, 1e3 * span.high, span.signals, span.travel, span.sample_time)
     for one, other in zip(effect.starts(span), effect.starts(thousand), strict=True):
         for p, a, b in zip(effect.parameters, one, other, strict=True):
             in_value = p.unit == 'value' and p.refinement is None
@@ -117,6 +117,15 @@ def test_units_of_a_port():
 
 def test_ripple_is_told_from_a_bias_only_by_most_of_a_period():
     ripple = next(effect for effect in EFFECTS if effect.id == 'ripple')
-    span = Span(1.0, {'velocity': 1.0, 'position': 1.0}, {'velocity': 2.0, 'position': 0.5}, 0.002)
+    span = Span(-1.0, 1.0, {'velocity': 1.0, 'position': 1.0}, {'velocity': 2.0, 'position': 0.5},
+                0.002)
     assert not ripple.told(span, (1.0, 0.0, 2 * math.pi))
     assert ripple.told(span, (1.0, 0.0, 4 * math.pi))
+
+
+def test_dead_zone_is_told_from_a_bias_only_where_it_is_entered():
+    dead_zone = next(effect for effect in EFFECTS if effect.id == 'dead_zone')
+    assert not dead_zone.told(Span(0.2, 1.0, {}, {}, 0.002), (0.1, 0.0, 0.0))
+    assert not dead_zone.told(Span(-1.0, -0.2, {}, {}, 0.002), (0.1, 0.0, 0.0))
+    assert dead_zone.told(Span(0.0, 1.0, {}, {}, 0.002), (0.1, 0.0, 0.0))
+    assert dead_zone.told(Span(0.01, 1.0, {}, {}, 0.002), (0.1, 0.0, 0.2))

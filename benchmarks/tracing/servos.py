@@ -1,0 +1,346 @@
+"""Random turbine valve servos with known effects, recorded, traced and counted.
+
+python -m benchmarks.tracing.servos -o out/servos.jsonl --count 24
+python -m benchmarks.tracing.servos -o out/servos_held_out.jsonl --count 24 --seeds held_out
+"""
+from __future__ import annotations
+
+import argparse
+from collections.abc import Callable
+from dataclasses import dataclass
+import math
+from pathlib import Path
+import time
+import traceback
+from typing import Any, NamedTuple
+
+from numba import njit
+import numpy as np
+from scipy.optimize import least_squares
+from scipy.signal import lfilter
+
+from benchmarks.tracing.draws import share, sign
+from benchmarks.tracing.figures import read, report
+from benchmarks.tracing.run import complete
+from benchmarks.tracing.signals import delayed, FloatArray, Generator, noise, on_steps, play
+from hydro_twin.recording.series import Recording, Series
+
+SAMPLE_TIME = 0.002
+SUBSTEPS = 40
+SERIES = 3
+SAMPLES = 3000
+NOISE_LEVELS = (46.0, 36.0, 26.0)
+EXCITATIONS = ('steps', 'ramps', 'multisine', 'sine')
+FIRST_SEED = {'development': 0, 'held_out': 1_000_000}
+KINDS = ('none', 'single', 'variant', 'outside')
+BLOCK = 2000
+INF = math.inf
+
+# [L18]: T_y and T_c as published; the lag and the correction about the published values
+BOX = {'T_y': (1e-2, 3e-2), 'T_c': (0.1, 0.5), 'tau': (1e-3, 1e-2), 'k_1': (0.7, 1.5)}
+
+
+class Servo(NamedTuple):
+    """The loop of [L18] and what else it has; the defaults switch it off."""
+
+    T_y: float
+    T_c: float
+    tau: float
+    k_1: float
+    # the loop's error
+    dead: float = 0.0               # half width
+    error_limit: float = INF
+    error_tanh: float = INF
+    error_play: float = 0.0         # half width
+    # actuator
+    speed_up: float = INF           # limits of a' [1/s]
+    speed_down: float = INF
+    asymmetry: float = 0.0
+    gain_slope: float = 0.0         # speed (1 + slope y)
+    gain_drift: float = 0.0         # speed (1 + drift sin(rate t))
+    gain_drift_rate: float = 0.0
+    stop: float = INF               # hard stop of the actuator, seen by the loop
+    # stem, after the loop or (inside) seen by it
+    limit: float = INF
+    stem_play: float = 0.0          # half width
+    play_inside: float = 0.0        # 1: the loop sees the play
+    curved: float = 0.0             # y (1 + curved (1 - y)), seen by nobody
+
+
+class Around(NamedTuple):
+    """What befalls the command before the loop, and the opening after it."""
+
+    command_bias: float = 0.0
+    command_limit: float = INF
+    command_dead: float = 0.0       # about half opening
+    command_play: float = 0.0
+    delay: float = 0.0
+    sensor_bias: float = 0.0
+    line: float = 0.0
+    line_hz: float = 0.0
+
+
+@njit(cache=True)
+def _rates(r, c, a, y, u, seen, held, t):
+    e = u - seen
+    e -= min(max(e, -r.dead), r.dead)
+    if r.error_play > 0.0:
+        e = held
+    e = min(max(e, -r.error_limit), r.error_limit)
+    if r.error_tanh < math.inf:
+        e = r.error_tanh * math.tanh(e / r.error_tanh)
+    dc = (r.k_1 * e - c) / r.T_y
+    speed = c / r.T_c * (1.0 + r.asymmetry * math.copysign(1.0, c)) * (1.0 + r.gain_slope * y)
+    speed *= 1.0 + r.gain_drift * math.sin(r.gain_drift_rate * t)
+    speed = min(max(speed, -r.speed_down), r.speed_up)
+    if a >= r.stop and speed > 0.0:
+        speed = 0.0
+    return dc, speed, (a - y) / r.tau
+
+
+@njit(cache=True)
+def integrate(r, u, start_time, step, keep):
+    """Integrate from rest at the first command; return the opening of every keep-th step."""
+    n = len(u) // keep
+    out = np.empty(n)
+    c, a, y = 0.0, u[0], u[0]
+    stem, held = y, 0.0
+    half = 0.5 * step
+    for i in range(n * keep):
+        if i % keep == 0:
+            shown = min(stem if r.stem_play > 0.0 else y, r.limit)
+            out[i // keep] = shown * (1.0 + r.curved * (1.0 - shown))
+        seen = stem if r.play_inside > 0.0 else y
+        if r.error_play > 0.0:
+            e = u[i] - seen
+            held = min(max(held, e - r.error_play), e + r.error_play)
+        t = start_time + i * step
+        k1 = _rates(r, c, a, y, u[i], seen, held, t)
+        inside = seen if r.play_inside > 0.0 else y + half * k1[2]
+        k2 = _rates(r, c + half * k1[0], a + half * k1[1], y + half * k1[2], u[i], inside, held, t)
+        c += step * k2[0]
+        a += step * k2[1]
+        y += step * k2[2]
+        a = min(a, r.stop)
+        stem = min(max(stem, y - r.stem_play), y + r.stem_play)
+    return out
+
+
+class Scales(NamedTuple):
+    """Largest values of the linear servo over a recording."""
+
+    u: float
+    span: float
+    error: float
+    speed: float
+    top: float
+    duration: float
+
+
+Fields = dict[str, float]
+Draw = Callable[[Scales, Generator], Fields]
+DRAWS: dict[str, list[tuple[str, str, Draw]]] = {
+    'none': [('', '', lambda s, g: {})],
+    'single': [
+        ('saturation', 'stem_limit', lambda s, g: {'limit': s.top - s.span * share(g, .02, .4)}),
+        ('rate_limit', 'speed', lambda s, g: dict.fromkeys(
+            ('speed_up', 'speed_down'), s.speed * g.uniform(0.2, 0.9))),
+        ('dead_zone', 'loop_dead', lambda s, g: {'dead': s.error * share(g, 0.005, 0.3)}),
+        ('hysteresis', 'command_play', lambda s, g: {'command_play': s.span * share(g, .005, .2)}),
+        ('backlash', 'stem_play', lambda s, g: {'stem_play': s.span * share(g, 0.003, 0.1)}),
+        ('delay', 'pure', lambda s, g: {'delay': share(g, 0.004, 0.05)}),
+        ('asymmetry', 'uneven', lambda s, g: {'asymmetry': sign(g) * share(g, 0.02, 0.5)}),
+        ('bias', 'null_shift', lambda s, g: {'command_bias': sign(g) * s.span * share(g, .01, .2)}),
+        ('bias', 'sensor', lambda s, g: {'sensor_bias': sign(g) * s.span * share(g, .01, .2)}),
+        ('gain', 'speed_gain', lambda s, g: {
+            'gain_slope': g.choice((share(g, 0.1, 2.0), -share(g, 0.1, 0.8)))}),
+        ('saturation', 'error_limit', lambda s, g: {'error_limit': s.error * g.uniform(.15, .9)}),
+        ('saturation', 'command_limit', lambda s, g: {
+            'command_limit': s.u - s.span * share(g, 0.02, 0.4)}),
+    ],
+    'variant': [
+        ('saturation', 'hard_stop', lambda s, g: {'stop': s.top - s.span * share(g, .03, .4)}),
+        ('rate_limit', 'uneven_speed', lambda s, g: {
+            'speed_up': s.speed * g.uniform(0.2, 0.8), 'speed_down': s.speed * g.uniform(.2, .8)}),
+        ('backlash', 'play_in_loop', lambda s, g: {
+            'stem_play': s.span * share(g, 0.003, 0.05), 'play_inside': 1.0}),
+        ('hysteresis', 'loop_play', lambda s, g: {'error_play': s.error * share(g, 0.01, 0.2)}),
+        ('dead_zone', 'command_dead', lambda s, g: {'command_dead': s.span * share(g, .02, .2)}),
+    ],
+    'outside': [
+        ('soft_error', 'tanh', lambda s, g: {'error_tanh': s.error * share(g, 0.2, 2.0)}),
+        ('curved_stem', 'parabola', lambda s, g: {'curved': sign(g) * share(g, 0.03, 0.4)}),
+        ('line', 'mains', lambda s, g: {'line': s.span * share(g, .005, .05), 'line_hz': 50.2}),
+        ('gain_drift', 'sine', lambda s, g: {
+            'gain_drift': share(g, 0.05, 0.4),
+            'gain_drift_rate': 2 * np.pi * g.uniform(0.3, 2.0) / s.duration}),
+    ],
+}
+
+
+@dataclass(frozen=True)
+class Rig:
+    """A recording of a servo and what is behind it."""
+
+    series: tuple[dict[str, FloatArray], ...]
+    servo: Servo
+    around: Around
+    fields: Fields
+    law: str
+    noise_rms: float
+    interpolation: str
+
+    def recording(self) -> Recording:
+        """Return the series as the product reads them from bags."""
+        return Recording(tuple(
+            Series(columns, SAMPLE_TIME, start=i * 10_000_000_000, source='servo')
+            for i, columns in enumerate(self.series)))
+
+
+def case_of(seed: int) -> tuple[str, int, str, float]:
+    """Return kind, number of the draw, excitation and noise level that a seed stands for."""
+    block, index = divmod(seed % FIRST_SEED['held_out'], BLOCK)
+    kind = KINDS[block]
+    turn, choice = divmod(index, len(DRAWS[kind]))
+    mix = turn + choice
+    return kind, choice, EXCITATIONS[mix % 4], NOISE_LEVELS[mix % 3]
+
+
+def make_rig(seed: int) -> Rig:
+    """Draw a servo and record it."""
+    kind, choice, excitation, snr_db = case_of(seed)
+    of_laws, of_drive, of_effects, of_noise = map(
+        np.random.default_rng, np.random.SeedSequence(seed).spawn(4))
+    linear = Servo(**{name: math.exp(of_laws.uniform(math.log(low), math.log(high)))
+                      for name, (low, high) in BOX.items()})
+    u = [_command(excitation, of_drive) for _ in range(SERIES)]
+    interpolation = 'linear' if of_drive.random() < 0.25 else 'hold'
+    y = _openings(linear, Around(), u, interpolation)
+    both = np.concatenate(y)
+    errors = np.concatenate(u) - both
+    scales = Scales(
+        u=max(np.max(x) for x in u), span=float(np.ptp(both)), error=float(np.abs(errors).max()),
+        speed=float(max(np.abs(np.diff(x)).max() for x in y)) / SAMPLE_TIME,
+        top=float(both.max()), duration=SERIES * SAMPLES * SAMPLE_TIME)
+    _, law, draw = DRAWS[kind][choice]
+    fields = draw(scales, of_effects)
+    servo = linear._replace(**{k: v for k, v in fields.items() if k in Servo._fields})
+    around = Around(**{k: v for k, v in fields.items() if k in Around._fields})
+    clean = _openings(servo, around, u, interpolation)
+    size = float(np.std(np.concatenate(clean))) * 10 ** (-snr_db / 20)
+    memory = of_noise.uniform(0.3, 0.8) if of_noise.random() < 0.15 else 0.0
+    series = tuple({'command': a, 'opening': b + size * noise(len(b), of_noise, memory)}
+                   for a, b in zip(u, clean, strict=True))
+    return Rig(series, servo, around, fields, law, size, interpolation)
+
+
+def _command(excitation: str, rng: Generator) -> FloatArray:
+    time = SAMPLE_TIME * np.arange(SAMPLES)
+    middle, reach = rng.uniform(0.4, 0.6), rng.uniform(0.15, 0.4)
+    if excitation in ('steps', 'ramps'):
+        edges = np.cumsum(rng.uniform(0.2, 1.5, 60))
+        levels = rng.uniform(-1.0, 1.0, 61)
+        if excitation == 'steps':
+            return middle + reach * levels[np.searchsorted(edges, time)]
+        return middle + reach * np.interp(time, np.concatenate(([0.0], edges)), levels)
+    if excitation == 'multisine':
+        f = rng.uniform(0.1, 4.0, rng.integers(5, 12))
+        wave = np.sin(2 * np.pi * np.outer(time, f) + rng.uniform(0, 2 * np.pi, len(f))).sum(1)
+        return middle + reach * wave / np.abs(wave).max()
+    return middle + reach * np.sin(2 * np.pi * rng.uniform(0.2, 2.0) * time)
+
+
+def _openings(r: Servo, around: Around, u: list[FloatArray], how: str) -> list[FloatArray]:
+    step = SAMPLE_TIME / SUBSTEPS
+    found = []
+    for i, raw in enumerate(u):
+        fine = np.minimum(on_steps(raw, SUBSTEPS, how) + around.command_bias, around.command_limit)
+        fine = fine - np.clip(fine - 0.5, -around.command_dead, around.command_dead)
+        if around.command_play:
+            fine = fine[0] + play(fine - fine[0], around.command_play)
+        if around.delay:
+            fine = fine[0] + delayed(fine - fine[0], around.delay, step, 'pure')
+        start = i * len(raw) * SAMPLE_TIME
+        time = start + SAMPLE_TIME * np.arange(len(raw))
+        found.append(integrate(r, fine, start, step, SUBSTEPS) + around.sensor_bias
+                     + around.line * np.sin(2 * np.pi * around.line_hz * time))
+    return found
+
+
+def shows(rig: Rig) -> float:
+    """Return the relative rise of the best linear free run's error above the noise."""
+    names = ('T_y', 'T_c', 'tau')
+
+    def error(z: FloatArray) -> FloatArray:
+        # k_1 counts only as T_c / k_1; a start that is not at rest is fitted, too
+        linear = rig.servo._replace(**Servo(1.0, 1.0, 1.0, 1.0)._asdict() | dict(
+            zip(names, np.exp(z[:3]), strict=True)))
+        out = []
+        for s in rig.series:
+            run = _openings(linear, Around(), [s['command']], rig.interpolation)[0]
+            free = _decays(linear)
+            left = s['opening'] - run
+            out.append(left - free @ np.linalg.lstsq(free, left, rcond=1e-10)[0])
+        return np.concatenate(out)
+
+    start = np.log([rig.servo.T_y, rig.servo.T_c / rig.servo.k_1, rig.servo.tau])
+    best = least_squares(error, start, max_nfev=20, diff_step=1e-4)
+    return float(np.sqrt(2 * best.cost / (SERIES * SAMPLES))) / rig.noise_rms - 1.0
+
+
+def _decays(r: Servo) -> FloatArray:
+    poles = np.roots([r.T_c * r.T_y * r.tau, r.T_c * (r.T_y + r.tau), r.T_c, r.k_1])
+    n = np.arange(SAMPLES)
+    pulse = np.zeros(SAMPLES)
+    pulse[0] = 1.0
+    whole = np.real(np.poly(np.exp(poles * SAMPLE_TIME)))
+    base = lfilter([1.0], whole, pulse)
+    return np.stack([np.where(n >= k, np.roll(base, k), 0.0) for k in range(3)], axis=1)
+
+
+def trace_servo(seed: int) -> dict[str, Any]:
+    """Return the truth, what the tracer said ('report' or 'failure') and how long it took."""
+    from hydro_twin.plants.valve_servo import VALVE_SERVO
+    from hydro_twin.report.summary import summarise
+    from hydro_twin.residual.trace import trace
+    from hydro_twin.residual.verdict import judge
+
+    kind, choice, excitation, snr_db = case_of(seed)
+    rig = make_rig(seed)
+    effect = DRAWS[kind][choice][0]
+    line: dict[str, Any] = {
+        'seed': seed, 'kind': kind, 'effects': [effect] if effect else [], 'snr_db': snr_db,
+        'excitation': excitation, 'truth': {'noise_rms': rig.noise_rms, 'law': rig.law,
+                                            'fields': rig.fields},
+        'shows': shows(rig), 'true_error': None,
+    }
+    begin = time.perf_counter()
+    try:
+        found = trace(rig.recording(), None, VALVE_SERVO)
+        summary = summarise(found, judge(found))
+        line['report'] = {name: part for name, part in summary.items() if name != 'series'}
+    except Exception:    # a rig that breaks the tracer is a result, and the others go on
+        line['failure'] = traceback.format_exc()
+    line['seconds'] = time.perf_counter() - begin
+    return line
+
+
+def main() -> None:
+    """Trace the servos that the file lacks, then print the figures of all in it."""
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument('-o', '--output', type=Path, required=True, help='JSON lines file')
+    parser.add_argument('--seeds', choices=FIRST_SEED, default='development',
+                        help='nobody tunes on the held-out ones')
+    parser.add_argument('--kinds', nargs='+', choices=KINDS, default=KINDS)
+    parser.add_argument('--count', type=int, default=24, help='servos of each kind')
+    parser.add_argument('--seed', type=int, nargs='+', help='these seeds only')
+    parser.add_argument('--workers', type=int, default=2)
+    arguments = parser.parse_args()
+    wanted = arguments.seed or [FIRST_SEED[arguments.seeds] + BLOCK * KINDS.index(kind) + i
+                                for kind in arguments.kinds for i in range(arguments.count)]
+    complete(arguments.output, wanted, trace_servo, arguments.workers)
+    print(report(read(arguments.output)))
+
+
+if __name__ == '__main__':
+    main()
