@@ -186,7 +186,7 @@ def _earned(found: Finding, without: Fit, added: Contender, parts: Sequence[Part
 def _refined(chain: Chain, ground: Ground) -> Chain:
     """Let in the refinements of earlier effects that the one lacking hid; not those it feigned."""
     for found in chain.findings[:-1]:
-        chain = replace(chain, fit=refine(chain.fit, ground.parts, found.index))
+        chain = replace(chain, fit=refine([chain.fit], ground.parts, found.index)[0])
         ground.remember(chain.fit)
     return chain
 

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
-from itertools import chain
+from itertools import islice
 import math
 
 import numpy as np
@@ -73,9 +73,13 @@ def search(candidate: Candidate, parts: Sequence[Part], evaluations: int,
 def search_all(candidates: Sequence[Candidate], parts: Sequence[Part], evaluations: int,
                tangent: Fit | None = None) -> Iterator[Fit]:
     """Do so for several, on all cores, and yield the fits in their order."""
-    problems = [Problem(candidate, _searched(candidate), parts, tangent)
-                for candidate in candidates]
-    return solve_all(problems, evaluations, 1e-5)
+    return solve_all(_problems(candidates, parts, tangent), evaluations, 1e-5)
+
+
+def _problems(candidates: Sequence[Candidate], parts: Sequence[Part],
+              tangent: Fit | None = None) -> list[Problem]:
+    """Set up the search of each candidate."""
+    return [Problem(candidate, _searched(candidate), parts, tangent) for candidate in candidates]
 
 
 def _searched(candidate: Candidate) -> list[Unknown]:
@@ -158,7 +162,8 @@ def contend(base: Fit, parts: Sequence[Part], most: int, afresh: bool,
             if starts:
                 plain.append(min(starts, key=lambda c: far(c, parts)))
     tried = []
-    for fit in chain(search_all(near, parts, SHORT, base), search_all(plain, parts, SHORT)):
+    problems = [*_problems(plain, parts), *_problems(near, parts, base)]   # the long ones first
+    for fit in solve_all(problems, SHORT, 1e-5):
         last = fit.candidate.effects[-1]
         progress(f'{last.effect.id} at {last.port.name}')
         tried.append(fit)
@@ -191,7 +196,8 @@ def finish(base: Fit, tried: Sequence[Fit], parts: Sequence[Part]) -> list[Conte
     ranked = best_at_each_place(tried)
     longer = list(search_all([fit.candidate for fit in ranked[:KEPT]], parts, LONG))
     near = WITHIN * min((fit.error for fit in longer), default=0.0)
-    done = [refine(fit, parts) if fit.error <= near else fit for fit in longer]
+    done = refine([fit for fit in longer if fit.error <= near], parts)
+    done += [fit for fit in longer if fit.error > near]
     for best in best_at_each_place(done)[:1]:
         moved = elsewhere(best.candidate, parts)
         moved += [replace(base.candidate, effects=there.effects) for there in moved]
@@ -226,14 +232,39 @@ def elsewhere(candidate: Candidate, parts: Sequence[Part]) -> list[Candidate]:
     return moved
 
 
-def refine(fit: Fit, parts: Sequence[Part], index: int = -1) -> Fit:
+def refine(fits: Sequence[Fit], parts: Sequence[Part], index: int = -1) -> list[Fit]:
     """Let in the refinements of an effect, the last or another, where they are clearly better.
 
-    And take out those that are not, which made up for an effect that was lacking then.
+    And take out those that are not, which made up for an effect that was lacking then. Each fit is
+    refined by itself; together they keep all cores busy.
     """
+    formed = [_forms(fit, parts, index) for fit in fits]
+    short = search_all([form for forms in formed for form in forms], parts, SHORT)
+    chosen: list[Fit | Candidate] = []
+    for fit, forms in zip(fits, formed, strict=True):
+        tried = [fit, *islice(short, len(forms))]
+        simplest = int(bool(forms) and _is_refined(fit, index))
+        scores = criterion(tried)
+        best = int(np.argmin(scores))
+        if scores[best] > scores[simplest] - CLEARLY:
+            best = simplest
+        chosen.append(fit if best == 0 else tried[best].candidate)
+    long = search_all([c for c in chosen if isinstance(c, Candidate)], parts, LONG)
+    return [next(long) if isinstance(c, Candidate) else c for c in chosen]
+
+
+def _is_refined(fit: Fit, index: int) -> bool:
+    """Whether a refinement of the effect is in."""
+    placed = fit.candidate.effects[index]
+    return any(p.refinement not in (None, v)
+               for p, v in zip(placed.effect.parameters, placed.values, strict=True))
+
+
+def _forms(fit: Fit, parts: Sequence[Part], index: int) -> list[Candidate]:
+    """List the other forms of an effect: the simple law first, if it is not, then refined ones."""
     placed = fit.candidate.effects[index]
     if placed.effect.refined is None:
-        return fit
+        return []
 
     def form(values: Sequence[float]) -> Candidate:
         effects = list(fit.candidate.effects)
@@ -242,15 +273,9 @@ def refine(fit: Fit, parts: Sequence[Part], index: int = -1) -> Fit:
 
     plain = tuple(v if p.refinement is None else p.refinement
                   for p, v in zip(placed.effect.parameters, placed.values, strict=True))
-    simplest = int(plain != placed.values)
-    others = [plain] * simplest + list(placed.effect.refined(
-        spans(fit.candidate, parts)[placed.port], placed.values))
-    forms = [fit, *search_all([form(values) for values in others], parts, SHORT)]
-    scores = criterion(forms)
-    best = int(np.argmin(scores))
-    if scores[best] > scores[simplest] - CLEARLY:
-        best = simplest
-    return fit if best == 0 else search(forms[best].candidate, parts, LONG)
+    reach = spans(fit.candidate, parts)[placed.port]
+    simplest = [plain] if _is_refined(fit, index) else []
+    return [form(values) for values in (*simplest, *placed.effect.refined(reach, placed.values))]
 
 
 def told(fit: Fit, parts: Sequence[Part]) -> bool:
