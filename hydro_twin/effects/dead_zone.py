@@ -4,6 +4,8 @@ from __future__ import annotations
 from hydro_twin.compiled import compiled
 from hydro_twin.effects.effect import Effect, EffectParameter, Span, Starts
 
+HALF = 0.5              # share that passes, from which a zone is a bend of the gain, not dead
+
 
 @compiled
 def law(v, s, p, z, h, c, z_next):  # type: ignore[no-untyped-def]
@@ -28,9 +30,10 @@ def refined(span: Span, values: tuple[float, ...]) -> Starts:
 
 
 def told(span: Span, values: tuple[float, ...]) -> bool:
-    """Where the zone is never entered, from one side, it is a bias for all one can see."""
-    width, _, leak = values
-    return span.low <= leak * width and span.high >= -leak * width
+    """A dead zone is about rest, lets little pass, and is entered; else a bias, or a bend, is there."""
+    width, centre, leak = values
+    return (abs(centre) < width and leak < HALF
+            and span.low <= leak * width and span.high >= -leak * width)
 
 
 EFFECT = Effect(

@@ -5,6 +5,7 @@ from hydro_twin.compiled import compiled
 from hydro_twin.effects.effect import Effect, EffectParameter, Span, Starts
 
 REFERENCE = 1e6                             # [Pa]
+NEARLY = 0.15                               # of an exponent: nearer to 1 it is laminar
 
 
 @compiled
@@ -26,6 +27,11 @@ def starts(span: Span) -> Starts:
             for exponent in (0.5, 2.0, 3.0) for share in (0.1, 0.5)]
 
 
+def told(span: Span, values: tuple[float, ...]) -> bool:
+    """What hardly differs from laminar leakage imitates something else."""
+    return abs(values[1] - 1.0) > NEARLY
+
+
 EFFECT = Effect(
     id='leakage',
     title='leakage other than laminar',
@@ -37,5 +43,6 @@ EFFECT = Effect(
     ),
     starts=starts,
     excitation='hold high load pressure, both ways',
+    told=told,
     law=law,
 )

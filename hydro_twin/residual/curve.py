@@ -14,13 +14,15 @@ from hydro_twin.plants import Port
 from hydro_twin.residual.passing import passing
 from hydro_twin.residual.proof import Improvement, proof
 from hydro_twin.residual.select import CLEARLY, criterion, far, gain_p_value, search_all
-from hydro_twin.residual.structure import Dependence
+from hydro_twin.residual.structure import Dependence, foretold
 
 MOST, KEPT = 8, 3       # curves that are fitted, and of these searched to the end
 ALIKE = 1e-4            # of the shares of two that are the same but for a factor
 SHORT, LONG = 8, 25     # evaluations of a search: to compare, to the end
+TOLD = 0.01             # p-value from which what is left follows what happens at the ports
 LEVEL = 1e-3            # of the test of the best, corrected for all dependences tried
 STRENGTHS = (1.0, 0.3, 0.1)     # of the curve that the linear laws suggest, to begin at
+DRAWN = 0.8             # share of what a curve explains, from which a law of the same is enough
 CONSTANT = 0.9          # share of what a curve adds that is its mean, from which it is a bias
 
 
@@ -48,7 +50,9 @@ class Found:
 
 def find_curve(fit: Fit, parts: Sequence[Part], unseen: Sequence[Part],
                curves: Sequence[Dependence], seed: int) -> Found | None:
-    """Fit a curve at each port over each signal where any shows; the best, if it helps.
+    """Fit a curve at each port over each signal where something shows; the best, if it helps.
+
+    By the linear laws no single curve may show, where the lack of the right one has bent the fit.
 
     Args:
         fit: the model that leaves something.
@@ -60,7 +64,7 @@ def find_curve(fit: Fit, parts: Sequence[Part], unseen: Sequence[Part],
     Returns:
         None where no curve makes the free run better on data that was not fitted.
     """
-    if not any(curve.shows for curve in curves):
+    if not any(curve.shows for curve in curves) and foretold(fit, parts)[1] > TOLD:
         return None
     places = distinct(curves)[:MOST]
     begun = [_begin(fit.candidate, place, parts) for place in places]
@@ -78,16 +82,17 @@ def find_curve(fit: Fit, parts: Sequence[Part], unseen: Sequence[Part],
     return Found(fits[first], helps, p_value, tuple(sorted(others, key=lambda other: other[1])))
 
 
-def is_better(found: Found, named: Fit, curves: Sequence[Dependence], unseen: Sequence[Part],
-              seed: int) -> bool:
+def is_better(found: Found, base: Fit, named: Fit, curves: Sequence[Dependence],
+              unseen: Sequence[Part], seed: int) -> bool:
     """Whether one curve does clearly better than all effects that were named instead of it.
 
     On what was fitted, and not clearly worse on what was not. Not where one of these is a law of
-    the same signal at the same place, which the curve only draws more finely; nor where it is a
-    bias, and the curve little else.
+    the same signal at the same place that explains most of what the curve does, which only draws
+    it more finely; nor where it is a bias, and the curve little else.
 
     Args:
         found: a curve on the model before.
+        base: the model before.
         named: the model with effects.
         curves: what each explains of the residual of the model before.
         unseen: what was not fitted.
@@ -95,7 +100,10 @@ def is_better(found: Found, named: Fit, curves: Sequence[Dependence], unseen: Se
     """
     here = (found.placed.port, found.placed.effect.reads[0])
     biased = any(is_bias(placed) for placed in named.candidate.effects)
-    if is_drawn(here, named, curves) or (biased and is_mostly_constant(found.fit, unseen)):
+    explained = base.error**2 - named.error**2
+    drawn = (is_drawn(here, named, curves)
+             and explained > DRAWN * (base.error**2 - found.fit.error**2))
+    if drawn or (biased and is_mostly_constant(found.fit, unseen)):
         return False
     with_curve, with_names = criterion([found.fit, named])
     return with_curve < with_names - CLEARLY and proof(named, found.fit, unseen, seed).high > 0.0

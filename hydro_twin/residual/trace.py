@@ -94,9 +94,14 @@ class Trace:
         return self.after if self.found is None else self.found.fit
 
     @property
+    def additions(self) -> int:
+        """How much was added to the model, named or not."""
+        return len(self.findings) + (self.found is not None)
+
+    @property
     def changed(self) -> bool:
         """Whether anything was added to the model."""
-        return bool(self.findings or self.found)
+        return self.additions > 0
 
     @property
     def is_stranger(self) -> bool:
@@ -132,7 +137,7 @@ def trace(recording: Recording, test: Recording | None, plant: Plant,
         return found
     again = _trace(*split(recording, SIXTH, 1), plant, constants, model, seed, progress,
                    found.after.candidate)
-    return replace(again, tested=SIXTH) if len(again.findings) >= len(found.findings) else found
+    return replace(again, tested=SIXTH) if again.additions >= found.additions else found
 
 
 def _trace(train: Recording, test: Recording, plant: Plant,
@@ -217,7 +222,7 @@ def _with_curve(chain: Chain, base: Fit, ground: Ground) -> tuple[Chain, Found |
     at_first = curves if chain.fit is base else free_curves(base, parts)
     if chain.findings and _contested(chain, parts, curves, at_first):
         alone = find_curve(base, parts, unseen, at_first, seed)
-        if alone and is_better(alone, chain.fit, at_first, unseen, seed):
+        if alone and is_better(alone, base, chain.fit, at_first, unseen, seed):
             return Chain(base), alone
     found = find_curve(chain.fit, parts, unseen, curves, seed)
     return _still_needed(chain, found, ground) if found else (chain, None)

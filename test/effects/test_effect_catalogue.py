@@ -129,3 +129,19 @@ def test_dead_zone_is_told_from_a_bias_only_where_it_is_entered():
     assert not dead_zone.told(Span(-1.0, -0.2, {}, {}, 0.002), (0.1, 0.0, 0.0))
     assert dead_zone.told(Span(0.0, 1.0, {}, {}, 0.002), (0.1, 0.0, 0.0))
     assert dead_zone.told(Span(0.01, 1.0, {}, {}, 0.002), (0.1, 0.0, 0.2))
+
+
+def test_dead_zone_holds_rest_and_lets_little_pass():
+    dead_zone = next(effect for effect in EFFECTS if effect.id == 'dead_zone')
+    span = Span(-1.0, 1.0, {}, {}, 0.002)
+    assert dead_zone.told(span, (0.1, -0.05, 0.3))
+    assert not dead_zone.told(span, (0.1, -0.15, 0.0))
+    assert not dead_zone.told(span, (0.1, 0.0, 0.7))
+
+
+def test_leakage_is_told_from_laminar():
+    leakage = next(effect for effect in EFFECTS if effect.id == 'leakage')
+    span = wide(next(port for _, effect, port in SITES if effect is leakage))
+    assert leakage.told(span, (1e-6, 0.5))
+    assert leakage.told(span, (1e-6, 2.0))
+    assert not leakage.told(span, (1e-6, 0.94))
