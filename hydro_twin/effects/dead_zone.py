@@ -30,7 +30,7 @@ def refined(span: Span, values: tuple[float, ...]) -> Starts:
 
 
 def told(span: Span, values: tuple[float, ...]) -> bool:
-    """A dead zone is about rest, lets little pass, and is entered; else a bias, or a bend, is there."""
+    """Tell a zone about rest that lets little pass, and is entered, from a bias or a bend."""
     width, centre, leak = values
     return (abs(centre) < width and leak < HALF
             and span.low <= leak * width and span.high >= -leak * width)

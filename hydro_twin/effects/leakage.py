@@ -28,7 +28,7 @@ def starts(span: Span) -> Starts:
 
 
 def told(span: Span, values: tuple[float, ...]) -> bool:
-    """What hardly differs from laminar leakage imitates something else."""
+    """Tell leakage from laminar one: what hardly differs from it imitates something else."""
     return abs(values[1] - 1.0) > NEARLY
 
 

@@ -2,18 +2,8 @@ import numpy as np
 import pytest
 from scipy.signal import lsim
 
-from benchmarks.tracing.servos import (
-    Around,
-    case_of,
-    DRAWS,
-    integrate,
-    make_rig,
-    SAMPLE_TIME,
-    Scales,
-    Servo,
-    shows,
-    SUBSTEPS,
-)
+from benchmarks.tracing.servo_laws import Around, DRAWS, integrate, Scales, Servo
+from benchmarks.tracing.servos import case_of, make_rig, SAMPLE_TIME, shows, SUBSTEPS
 
 LINEAR = Servo(T_y=0.0203, T_c=0.294, tau=0.00293, k_1=1.093)      # [L18]
 STEP = SAMPLE_TIME / SUBSTEPS

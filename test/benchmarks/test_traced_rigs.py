@@ -23,6 +23,13 @@ def test_flow_that_saturates_softly_is_a_curve_and_no_orifice():
     assert found.found.fit.error < 1.1 * found.floor
 
 
+def test_flow_that_rises_progressively_is_a_curve_and_no_dead_zone():
+    found = traced(10209, 'progressive_flow')
+    assert found.findings == ()
+    placed = found.found.placed
+    assert (placed.port.name, placed.effect.reads) == ('flow', ('opening',))
+
+
 def test_a_parameter_that_drifts_is_no_effect():
     found = traced(6105, 'leak_drift')
     assert found.findings == ()

@@ -6,9 +6,11 @@ import pytest
 from traced_rig import fitted, PLANT, record
 
 from hydro_twin.effects.curve import curve, KNOTS, values
-from hydro_twin.residual.curve import find_curve, is_mostly_constant
+from hydro_twin.model import place
+from hydro_twin.residual.curve import find_curve, is_better, is_drawn, is_mostly_constant
 from hydro_twin.residual.passing import passing
 from hydro_twin.residual.screen import spans
+from hydro_twin.residual.select import search
 from hydro_twin.residual.structure import free_curves
 
 
@@ -41,6 +43,36 @@ def test_is_the_law_but_for_a_straight_line(law, ports, shape):
     drawn = bent(values(placed, x))
     assert max(np.corrcoef(drawn, bent(shape(x - zero)))[0, 1]
                for zero in np.linspace(-0.3, 0.3, 61) * x.max()) > 0.98
+
+
+@pytest.fixture(scope='module')
+def uneven():
+    """Return fit, parts that it was fitted to, those that it was not, and curves."""
+    fit, train, test = fitted(record(('asymmetry', 'flow', {'imbalance': 0.2})))
+    return fit, train, test, free_curves(fit, train)
+
+
+@pytest.mark.slow
+def test_one_is_found_where_only_all_ports_together_show(uneven):
+    fit, train, test, curves = uneven
+    hidden = [replace(curve, p_value=1.0) for curve in curves]
+    assert not any(curve.shows for curve in hidden)
+    assert find_curve(fit, train, test, hidden, 0) is not None
+
+
+@pytest.mark.slow
+def test_a_law_keeps_its_name_if_it_explains_most_of_the_curve_there(uneven):
+    fit, train, test, curves = uneven
+    found = find_curve(fit, train, test, curves, 0)
+
+    def named(*effect):
+        return search(replace(fit.candidate, effects=(place(*effect, PLANT),)), train, 40)
+
+    right = named('asymmetry', 'flow', {'imbalance': 0.1})
+    wrong = named('dead_zone', 'spool', {'width': 1e-6})
+    assert not is_better(found, fit, right, curves, test, 0)
+    assert is_better(found, fit, wrong, curves, test, 0)
+    assert is_drawn((found.placed.port, found.placed.effect.reads[0]), wrong, curves)
 
 
 @pytest.mark.parametrize(('shape', 'constant'), [
