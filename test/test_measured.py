@@ -101,6 +101,13 @@ def test_what_the_axis_lacks(shell: Shell, tmp_path: Path) -> None:
     assert (before, after) == (pytest.approx(float(says[0]), rel=0.01),
                                pytest.approx(float(says[1]), rel=0.05))
 
+    within = shell('trace', test, '--plant', 'positioning', '-o', tmp_path / 'within')
+    assert {effect['id'] for effect in within['effects']} == {'friction', 'bias'}
+    before, after = (1e3 * within[when]['free_run']['test'] for when in ('before', 'after'))
+    says, = re.findall(r'first third, 8 s that were not fitted, falls from (\S+) to (\S+) mm', text)
+    assert (before, after) == (pytest.approx(float(says[0]), rel=0.01),
+                               pytest.approx(float(says[1]), rel=0.05))
+
 
 def test_cylinder(shell: Shell, tmp_path: Path) -> None:
     bags = []
@@ -146,8 +153,8 @@ def test_leg(shell: Shell, tmp_path: Path) -> None:
     found = shell('trace', tmp_path / 'leg', '--plant', 'load_simulator', '--config',
                   maps / 'leg_rig.yaml', '-o', tmp_path / 'out')
     assert [(effect['id'], effect['certain']) for effect in found['effects']] == [
-        ('hysteresis', False)]
-    assert (found['found']['port'], found['found']['signal']) == ('flow', 'load_pressure')
+        ('saturation', False)]
+    assert (found['found']['port'], found['found']['signal']) == ('sensor', 'value')
     documented('linear, of the shape', f'{found["before"]["free_run"]["test"]:.1f}')
     documented('with what is found', f'{found["after"]["free_run"]["test"]:.1f}')
 
