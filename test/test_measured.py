@@ -104,7 +104,8 @@ def test_what_the_axis_lacks(shell: Shell, tmp_path: Path) -> None:
     within = shell('trace', test, '--plant', 'positioning', '-o', tmp_path / 'within')
     assert {effect['id'] for effect in within['effects']} == {'friction', 'bias'}
     before, after = (1e3 * within[when]['free_run']['test'] for when in ('before', 'after'))
-    says, = re.findall(r'first third, 8 s that were not fitted, falls from (\S+) to (\S+) mm', text)
+    says, = re.findall(r'first third, 8 s that were not fitted, falls from (\S+) to (\S+) mm',
+                       text)
     assert (before, after) == (pytest.approx(float(says[0]), rel=0.01),
                                pytest.approx(float(says[1]), rel=0.05))
 

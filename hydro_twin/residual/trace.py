@@ -189,19 +189,26 @@ def _trace(train: Recording, test: Recording, plant: Plant,
         before = base
     elif factor > 1:
         before = search(before.candidate, fine, 1)
+    gain = _gain(before, after if found is None else found.fit, unseen, seed)
+    if gain.high < 0.0:     # what was added fails where the report would say that it helps
+        chain, after, found = Chain(base), base, None
+        gain = _gain(before, base, unseen, seed)
     pieces = stretches(after)
-    final = after if found is None else found.fit
     return Trace(
         plant=plant, before=before, after=after, train=whole, test=unseen, fitted=fine,
         hidden=tuple(hidden(after, fine)), findings=chain.findings,
-        proof=improvement([before.candidate.residual(part) for part in unseen],
-                          [final.candidate.residual(part) for part in unseen], seed),
-        unseen=rms(np.concatenate(residuals(after, elsewhere))),
+        proof=gain, unseen=rms(np.concatenate(residuals(after, elsewhere))),
         floor=noise_floor(pieces), white=is_white(pieces),
         lines=tuple(lines(pieces, sample_time)),
         bursts=tuple(bursts(residuals(after, [*whole, *unseen]))),
         depends_on=tuple(dependences(after, fine)), drifts=drift(after),
         foretold=foretold(after, fine), found=found)
+
+
+def _gain(before: Fit, after: Fit, unseen: Sequence[Part], seed: int) -> Improvement:
+    """Compare free runs on data that was not fitted, from what the first samples show."""
+    return improvement([before.candidate.residual(part) for part in unseen],
+                       [after.candidate.residual(part) for part in unseen], seed)
 
 
 def _with_curve(chain: Chain, base: Fit, ground: Ground) -> tuple[Chain, Found | None]:

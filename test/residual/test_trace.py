@@ -1,5 +1,6 @@
 """Tracing from end to end: what it names, what it does not, and what must not change that."""
 from dataclasses import replace
+import importlib
 import json
 import math
 
@@ -167,6 +168,23 @@ def test_another_clock_does_not_matter(tmp_path, reference):
     value = report['effects'][0]['parameters']['coulomb']['value']
     assert value == pytest.approx(reference['effects'][0]['parameters']['coulomb']['value'],
                                   rel=0.03)
+
+
+@pytest.mark.slow
+def test_what_makes_the_free_run_worse_where_nothing_was_fitted_is_not_named(rubbing, monkeypatch):
+    module = importlib.import_module('hydro_twin.residual.trace')
+    honest = module._gain
+
+    def worse(before, after, unseen, seed):
+        gain = honest(before, after, unseen, seed)
+        return gain if after is before else replace(gain, low=-gain.high, high=-gain.low)
+
+    monkeypatch.setattr(module, '_gain', worse)
+    found = trace(rubbing, None, PLANT)
+    assert found.findings == ()
+    assert found.found is None
+    assert found.after is found.before
+    assert judge(found).kind == 'unexplained'
 
 
 @pytest.mark.slow
