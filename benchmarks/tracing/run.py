@@ -27,22 +27,24 @@ TraceOne = Callable[[int], dict[str, Any]]     # of a seed, to a line of results
 
 def main() -> None:
     """Trace the cases that the file lacks, then print the figures of all in it."""
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    asked = arguments(__doc__, KINDS, 52)
+    seeds = asked.seed or [case.seed for kind in asked.kinds
+                           for case in cases(asked.seeds, kind, asked.count)]
+    complete(asked.output, seeds, trace_rig, asked.workers)
+    print(report(read(asked.output)))
+
+
+def arguments(doc: str, kinds: Sequence[str], count: int) -> argparse.Namespace:
+    """Read the command line, with the kinds there are and how many of each by default."""
+    parser = argparse.ArgumentParser(description=doc.splitlines()[0])
     parser.add_argument('-o', '--output', type=Path, required=True, help='JSON lines file')
     parser.add_argument('--seeds', choices=FIRST_SEED, default='development',
                         help='nobody tunes on the held-out ones')
-    parser.add_argument('--kinds', nargs='+', choices=KINDS, default=KINDS)
-    parser.add_argument('--count', type=int, default=52, help='cases of each kind')
+    parser.add_argument('--kinds', nargs='+', choices=kinds, default=kinds)
+    parser.add_argument('--count', type=int, default=count, help='rigs of each kind')
     parser.add_argument('--seed', type=int, nargs='+', help='these seeds only')
     parser.add_argument('--workers', type=int, default=2)
-    arguments = parser.parse_args()
-    if arguments.seed:
-        wanted = [case_of(seed) for seed in arguments.seed]
-    else:
-        wanted = [case for kind in arguments.kinds
-                  for case in cases(arguments.seeds, kind, arguments.count)]
-    complete(arguments.output, [case.seed for case in wanted], trace_rig, arguments.workers)
-    print(report(read(arguments.output)))
+    return parser.parse_args()
 
 
 def complete(output: Path, seeds: Sequence[int], trace_one: TraceOne, workers: int) -> None:

@@ -5,10 +5,8 @@ python -m benchmarks.tracing.servos -o out/servos_held_out.jsonl --count 24 --se
 """
 from __future__ import annotations
 
-import argparse
 from dataclasses import dataclass
 import math
-from pathlib import Path
 import time
 import traceback
 from typing import Any
@@ -17,8 +15,9 @@ import numpy as np
 from scipy.optimize import least_squares
 from scipy.signal import lfilter
 
+from benchmarks.tracing.cases import BLOCK, FIRST_SEED
 from benchmarks.tracing.figures import read, report
-from benchmarks.tracing.run import complete
+from benchmarks.tracing.run import arguments, complete
 from benchmarks.tracing.servo_laws import Around, DRAWS, Fields, integrate, Scales, Servo
 from benchmarks.tracing.signals import delayed, FloatArray, Generator, noise, on_steps, play
 from hydro_twin.recording.series import Recording, Series
@@ -29,9 +28,7 @@ SERIES = 3
 SAMPLES = 3000
 NOISE_LEVELS = (46.0, 36.0, 26.0)
 EXCITATIONS = ('steps', 'ramps', 'multisine', 'sine')
-FIRST_SEED = {'development': 0, 'held_out': 1_000_000}
 KINDS = ('none', 'single', 'variant', 'outside')
-BLOCK = 2000
 
 # [L18]: T_y and T_c as published; the lag and the correction about the published values
 BOX = {'T_y': (1e-2, 3e-2), 'T_c': (0.1, 0.5), 'tau': (1e-3, 1e-2), 'k_1': (0.7, 1.5)}
@@ -186,19 +183,11 @@ def trace_servo(seed: int) -> dict[str, Any]:
 
 def main() -> None:
     """Trace the servos that the file lacks, then print the figures of all in it."""
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument('-o', '--output', type=Path, required=True, help='JSON lines file')
-    parser.add_argument('--seeds', choices=FIRST_SEED, default='development',
-                        help='nobody tunes on the held-out ones')
-    parser.add_argument('--kinds', nargs='+', choices=KINDS, default=KINDS)
-    parser.add_argument('--count', type=int, default=24, help='servos of each kind')
-    parser.add_argument('--seed', type=int, nargs='+', help='these seeds only')
-    parser.add_argument('--workers', type=int, default=2)
-    arguments = parser.parse_args()
-    wanted = arguments.seed or [FIRST_SEED[arguments.seeds] + BLOCK * KINDS.index(kind) + i
-                                for kind in arguments.kinds for i in range(arguments.count)]
-    complete(arguments.output, wanted, trace_servo, arguments.workers)
-    print(report(read(arguments.output)))
+    asked = arguments(__doc__, KINDS, 24)
+    seeds = asked.seed or [FIRST_SEED[asked.seeds] + BLOCK * KINDS.index(kind) + i
+                           for kind in asked.kinds for i in range(asked.count)]
+    complete(asked.output, seeds, trace_servo, asked.workers)
+    print(report(read(asked.output)))
 
 
 if __name__ == '__main__':
