@@ -115,7 +115,7 @@ def _figures(lines: Sequence[Line]) -> list[str]:
                            lambda x: outcome(x) == 'right'))
     for kind in ('single', 'pair'):
         ratios = [x['report']['after']['free_run']['test'] / x['true_error']
-                  for x in of(kind) if outcome(x) == 'right']
+                  for x in of(kind) if outcome(x) == 'right' and x['true_error']]
         rows.append(_share(f"{kind}, right: test error within 10 % of the true structure's",
                            ratios, lambda ratio: ratio <= 1.1))
     rows += _static([x for x in lines if x['kind'] == 'static' and x['shows'] >= SHOWS])

@@ -50,7 +50,8 @@ def test_report_counts():
 def test_report_compares_with_the_true_structure():
     near, far = (line('single', ['delay'], ['delay']) for _ in range(2))
     far['true_error'] = 0.08
-    assert "within 10 % of the true structure's | 50.0 % (1) | 2 |" in report([near, far])
+    unknown = line('single', ['delay'], ['delay']) | {'true_error': None}
+    assert "within 10 % of the true structure's | 50.0 % (1) | 2 |" in report([near, far, unknown])
 
 
 def test_true_structure_is_the_rig():
