@@ -1,7 +1,7 @@
 """A plant with values and effects that a fit may try, and the stretches it runs over."""
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 import math
@@ -128,8 +128,9 @@ class Candidate:
         """Measured less free run over the scored samples of a part, (N - START,)."""
         return (part.measured - self.run(part))[START:]
 
-    def fitted_residual(self, part: Part, start: Start | None = None) -> FloatArray:
-        """Find the residual that is left if the whole part tells the state at its start.
+    def fitted_residuals(self, parts: Sequence[Part], starts: Sequence[Start] = ()
+                         ) -> list[FloatArray]:
+        """Find the residual of each part that is left if the whole of it tells its start.
 
         The first samples tell it with some error, which lasts where the plant integrates, or
         forgets slowly, and would be taken for an error of the laws. So a fit takes off what a
@@ -138,20 +139,27 @@ class Candidate:
         has only its first samples to go by.
 
         Args:
-            part: what is run over.
-            start: of the run, to save the search for it.
+            parts: what is run over.
+            starts: of the runs, to save the search for them.
         """
-        start = start or self.start(part)
-        missed = part.measured - self.system.run(part.inputs, start.x, start.z)
-        first, later = missed[:START], missed[START:]
-        if not np.isfinite(missed).all():
-            return later
-        response = self.free_response(len(missed))
+        response = self.free_response(max(len(part.measured) for part in parts))
         shown = np.sqrt(np.mean(response[:START]**2, axis=0))
-        response = response / np.where(shown > 0.0, shown, 1.0)
-        weight = (rms(later) / max(rms(first), 1e-6 * rms(later), 1e-150)) ** 2
-        normal = (response[START:].T @ response[START:] + 1e-4 * np.eye(response.shape[1])
-                  + max(weight, 1.0) * response[:START].T @ response[:START])
-        rest: FloatArray = later - response[START:] @ np.linalg.solve(
-            normal, response[START:].T @ later)
-        return rest
+        response /= np.where(shown > 0.0, shown, 1.0)
+        residuals = []
+        for part, start in zip(parts, starts or map(self.start, parts), strict=True):
+            missed = part.measured - self.system.run(part.inputs, start.x, start.z)
+            residuals.append(_less_start(missed, response[:len(missed)]))
+        return residuals
+
+
+def _less_start(missed: FloatArray, response: FloatArray) -> FloatArray:
+    """Take off what another start would, by the responses to it, from what was missed."""
+    first, later = missed[:START], missed[START:]
+    if not np.isfinite(missed).all():
+        return later
+    weight = (rms(later) / max(rms(first), 1e-6 * rms(later), 1e-150)) ** 2
+    normal = (response[START:].T @ response[START:] + 1e-4 * np.eye(response.shape[1])
+              + max(weight, 1.0) * response[:START].T @ response[:START])
+    rest: FloatArray = later - response[START:] @ np.linalg.solve(
+        normal, response[START:].T @ later)
+    return rest

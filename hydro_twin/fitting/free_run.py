@@ -246,8 +246,7 @@ class Problem:
         candidate = self.candidate(coordinates)
         starts = ([candidate.start_near(part, start) for part, start in
                    zip(self.parts, near, strict=True)] if near else self.starts(coordinates))
-        pieces = [candidate.fitted_residual(part, start)
-                  for part, start in zip(self.parts, starts, strict=True)]
+        pieces = candidate.fitted_residuals(self.parts, starts)
         pieces.append(self.pull(coordinates))
         whole = np.concatenate(pieces)
         far = 1e3 * self.size

@@ -2,6 +2,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+import math
 
 import numpy as np
 
@@ -68,7 +69,8 @@ def find_start(system: System, response: FloatArray, inputs: FloatArray, measure
 
     def at(state: FloatArray) -> _At:
         missed = measured - system.run(inputs, state[:n], state[n:])
-        return _At(state, missed, float(np.nan_to_num(missed @ missed, nan=np.inf)))
+        power = float(missed @ missed)
+        return _At(state, missed, power if math.isfinite(power) else math.inf)
 
     def gain(columns: FloatArray, held: float) -> FloatArray:
         """Return how far an output missed by one moves the state, (n + memory, N)."""

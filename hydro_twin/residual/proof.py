@@ -54,7 +54,7 @@ def residuals(fit: Fit, unseen: Sequence[Part]) -> list[FloatArray]:
     Where a plant integrates, the error of a start that 50 samples show may be most of what is
     missed later. It says nothing of the laws.
     """
-    return [fit.candidate.fitted_residual(part) for part in unseen]
+    return fit.candidate.fitted_residuals(unseen)
 
 
 def proof(before: Fit, after: Fit, unseen: Sequence[Part], seed: int) -> Improvement:

@@ -91,8 +91,7 @@ def screen(fit: Fit, parts: Sequence[Part], each: int = 2) -> list[Prospect]:
 
     def response(placed: Placed) -> FloatArray:
         candidate = replace(base, effects=(*base.effects, placed))
-        moved: FloatArray = fit.residual - np.concatenate(
-            [candidate.fitted_residual(part) for part in parts])
+        moved: FloatArray = fit.residual - np.concatenate(candidate.fitted_residuals(parts))
         return moved
 
     prospects: dict[tuple[str, str], list[Prospect]] = {}

@@ -26,6 +26,7 @@ from hydro_twin.fitting.free_run import (
     Unknown,
     usual,
 )
+from hydro_twin.fitting.parallel import in_processes
 from hydro_twin.plants.plant import FloatArray
 from hydro_twin.predictors.scores import rms
 from hydro_twin.residual.noise import autoregression, is_white, whiten
@@ -156,11 +157,9 @@ def contend(base: Fit, parts: Sequence[Part], most: int, afresh: bool,
                   for name, (low, high) in usual(base.candidate.plant).items()}
         linear = replace(base.candidate, values={**base.candidate.values, **middle}, timing={})
         reach = spans(base.candidate, parts)
-        for effect, port in places(base.candidate.plant, base.candidate.effects):
-            starts = [with_effect(linear, Placed(effect, port, tuple(values)))
-                      for values in effect.starts(reach[port])]
-            if starts:
-                plain.append(min(starts, key=lambda c: far(c, parts)))
+        plain += nearest([Placed(effect, port, tuple(values))
+                          for effect, port in places(linear.plant, linear.effects)
+                          for values in effect.starts(reach[port])], linear, parts)
     tried = []
     problems = [*_problems(plain, parts), *_problems(near, parts, base)]   # the long ones first
     for fit in solve_all(problems, SHORT, 1e-5):
@@ -180,6 +179,18 @@ def with_effect(candidate: Candidate, placed: Placed) -> Candidate:
     """Add an effect; a delay takes the place of the timing."""
     return replace(candidate, effects=(*candidate.effects, placed),
                    timing={} if placed.effect.shifts else candidate.timing)
+
+
+def nearest(starts: Sequence[Placed], linear: Candidate, parts: Sequence[Part]
+            ) -> list[Candidate]:
+    """Add to linear laws, of the starts of each effect at each port, the one that misses least."""
+    tried = [with_effect(linear, placed) for placed in starts]
+    missed = in_processes(lambda candidate: far(candidate, parts), tried)
+    best: dict[tuple[str, str], tuple[float, int]] = {}
+    for k, (placed, misses) in enumerate(zip(starts, missed, strict=True)):
+        place = placed.effect.id, placed.port.name
+        best[place] = min(best.get(place, (math.inf, k)), (misses, k))
+    return [tried[k] for _, k in best.values()]
 
 
 def far(candidate: Candidate, parts: Sequence[Part]) -> float:
