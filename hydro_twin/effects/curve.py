@@ -17,12 +17,16 @@ KNOTS = 9
 
 @compiled
 def law(v, s, p, z, h, c, z_next):  # type: ignore[no-untyped-def]
-    """Add a curve over a signal: cubic between evenly spaced knots, held beyond the outer ones.
+    """Add a curve over a signal: cubic between evenly spaced knots, straight on beyond them.
 
     The slope at a knot is that of the line through its neighbours [Catmull and Rom 1974].
     """
     low, high, last = p[0], p[1], len(p) - 3
-    place = (min(max(s[0], low), high) - low) / (high - low) * last
+    place = (s[0] - low) / (high - low) * last
+    if place < 0.0:
+        return v + p[2] + place * (p[3] - p[2])
+    if place > last:
+        return v + p[last + 2] + (place - last) * (p[last + 2] - p[last + 1])
     k = min(int(place), last - 1)
     t, at = place - k, k + 2
     rise = p[at + 1] - p[at]

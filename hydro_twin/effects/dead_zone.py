@@ -39,7 +39,7 @@ def told(span: Span, values: tuple[float, ...]) -> bool:
 EFFECT = Effect(
     id='dead_zone',
     title='dead zone',
-    kinds=('opening', 'command'),
+    kinds=('opening', 'command', 'pilot'),
     parameters=(
         EffectParameter('width', 'half width of the zone', 'value', 1e-12, 1e9),
         EffectParameter('centre', 'middle of the zone', 'value', -1e9, 1e9, log=False,

@@ -16,5 +16,6 @@ EFFECT = Effect(
     parameters=(EffectParameter('time', 'dead time: u(t - time)', 's', 1e-6, 1e2),),
     starts=starts,
     excitation='use steps or fast sinusoids',
+    hides=True,
     shifts='held',
 )

@@ -74,6 +74,8 @@ class Effect:
         starts: what the recording reaches -> sets of parameters to begin a search at.
         excitation: what a recording must hold to show it, as advice to a person.
         beyond_reach: whether it may hide beyond what a recording reaches, as a limit does.
+        hides: whether re-tuning the plant can imitate it so well that its score says nothing; then
+            its first start, the gentlest, is always searched from.
         refined: what the recording reaches and the parameters of the simple law -> sets of
             parameters to begin at with refinements let in.
         told: what the recording reaches and parameters -> whether such a recording tells them
@@ -91,6 +93,7 @@ class Effect:
     starts: Callable[[Span], Starts]
     excitation: str
     beyond_reach: bool = False
+    hides: bool = False
     refined: Callable[[Span, tuple[float, ...]], Starts] | None = None
     told: Callable[[Span, tuple[float, ...]], bool] | None = None
     law: Callable[..., Any] | None = None

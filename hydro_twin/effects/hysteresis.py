@@ -31,7 +31,7 @@ def refined(span: Span, values: tuple[float, ...]) -> Starts:
 EFFECT = Effect(
     id='hysteresis',
     title='hysteresis',
-    kinds=('command', 'opening'),
+    kinds=('command', 'opening', 'pilot'),
     parameters=(
         EffectParameter('width', 'half width of the loop', 'value', 1e-12, 1e9),
         EffectParameter('slope', 'share of a small movement that is bound', '1', 0.02, 1.0,

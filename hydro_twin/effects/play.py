@@ -21,7 +21,7 @@ def starts(span: Span) -> Starts:
 EFFECT = Effect(
     id='backlash',
     title='backlash',
-    kinds=('stem',),
+    kinds=('stem', 'linkage'),
     parameters=(EffectParameter('gap', 'half of the play', 'value', 1e-12, 1e9),),
     starts=starts,
     excitation='move it slowly back and forth, so that the play is crossed',

@@ -6,12 +6,22 @@ import math
 from hydro_twin.compiled import compiled
 from hydro_twin.effects.effect import Effect, EffectParameter, Span, Starts
 
+NO_HARMONICS = (0.0, 0.0, 0.0, 0.0)
+
 
 @compiled
 def law(v, s, p, z, h, c, z_next):  # type: ignore[no-untyped-def]
-    """Give v + cosine cos(n position) + sine sin(n position), n periods a turn (2 pi)."""
+    """Give v + sum over k of cosine_k cos(k n position) + sine_k sin(k n position), k to 3.
+
+    n periods a turn (2 pi).
+    """
     angle = p[2] * s[0]
-    return v + p[0] * math.cos(angle) + p[1] * math.sin(angle)
+    rippled = v + p[0] * math.cos(angle) + p[1] * math.sin(angle)
+    if p[3] != 0.0 or p[4] != 0.0:
+        rippled += p[3] * math.cos(2.0 * angle) + p[4] * math.sin(2.0 * angle)
+    if p[5] != 0.0 or p[6] != 0.0:
+        rippled += p[5] * math.cos(3.0 * angle) + p[6] * math.sin(3.0 * angle)
+    return rippled
 
 
 def starts(span: Span) -> Starts:
@@ -20,8 +30,18 @@ def starts(span: Span) -> Starts:
     step = min(max(1.0 / travel, 0.5), 6.0)
     small = 0.03 * span.value
     return [values for k in range(int(60.0 / step))
-            for values in ((small, 0.0, 3.0 + step * k), (0.0, small, 3.0 + step * k))
+            for values in ((small, 0.0, 3.0 + step * k, *NO_HARMONICS),
+                           (0.0, small, 3.0 + step * k, *NO_HARMONICS))
             if told(span, values)]
+
+
+def refined(span: Span, values: tuple[float, ...]) -> Starts:
+    """Let in harmonics; what was found may be one itself."""
+    cosine, sine, periods, *_ = values
+    small = 0.1 * math.hypot(cosine, sine)
+    return [forms for forms in ((cosine, sine, periods, small, small, small, small),
+                                (small, small, periods / 2.0, cosine, sine, small, small))
+            if told(span, forms)]
 
 
 def told(span: Span, values: tuple[float, ...]) -> bool:
@@ -39,9 +59,14 @@ EFFECT = Effect(
         EffectParameter('cosine', 'amplitude in cosine phase', 'value', -1e9, 1e9, log=False),
         EffectParameter('sine', 'amplitude in sine phase', 'value', -1e9, 1e9, log=False),
         EffectParameter('periods', 'periods a turn', '1', 1.0, 1e3, log=False),
+        *(EffectParameter(f'{phase}_{k}', f'that of {k} times the periods', 'value', -1e9, 1e9,
+                          log=False, refinement=0.0)
+          for k in (2, 3) for phase in ('cosine', 'sine')),
     ),
     starts=starts,
     excitation='turn the motor slowly through several periods',
+    hides=True,
+    refined=refined,
     told=told,
     law=law,
 )

@@ -23,7 +23,7 @@ def starts(span: Span) -> Starts:
 EFFECT = Effect(
     id='saturation',
     title='saturation',
-    kinds=('opening', 'command', 'stem'),
+    kinds=('opening', 'command', 'stem', 'linkage'),
     parameters=(
         EffectParameter('lower', 'least value', 'value', -1e9, 1e9, log=False),
         EffectParameter('upper', 'largest value', 'value', -1e9, 1e9, log=False),

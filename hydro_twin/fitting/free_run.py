@@ -174,7 +174,7 @@ class Fit:
             value = unknown.coordinate(get(self.candidate, unknown))
             edges = [unknown.coordinate(edge) for edge in (unknown.lower, unknown.upper)
                      if math.isfinite(edge) and (edge > 0 or not unknown.log)]
-            if any(abs(value - edge) < 1e-6 * max(1.0, abs(edge)) for edge in edges):
+            if any(abs(value - edge) < 1e-4 * max(1.0, abs(edge)) for edge in edges):
                 names.append(label(unknown))
         return names
 

@@ -23,30 +23,34 @@ def laws(p: Mapping[str, float]) -> Laws:
             [0.0, 1.0 / tau, -1.0 / tau],
         ]),
         B=np.array([[k_1 / T_y], [0.0], [0.0]]),
-        #            command  converter  actuator  stem  sensor
+        #            command  converter  pilot  actuator  linkage  stem  sensor
         E=np.array([
-            [k_1 / T_y, k_1 / T_y, 0.0, 0.0, 0.0],
-            [0.0, 0.0, 1.0, 0.0, 0.0],
-            [0.0, 0.0, 0.0, 0.0, 0.0],
+            [k_1 / T_y, k_1 / T_y, 0.0, 0.0, 0.0, 0.0, 0.0],
+            [0.0, 0.0, 1.0 / T_c, 1.0, 0.0, 0.0, 0.0],
+            [0.0, 0.0, 0.0, 0.0, 1.0 / tau, 0.0, 0.0],
         ]),
         port_x=np.array([
             [0.0, 0.0, 0.0],                # command
             [0.0, 0.0, -1.0],               # converter: command - y
+            [1.0, 0.0, 0.0],                # pilot: c
             [1.0 / T_c, 0.0, 0.0],          # actuator: a'
+            [0.0, 1.0, 0.0],                # linkage: a
             [0.0, 0.0, 1.0],                # stem: y
             [0.0, 0.0, 1.0],                # sensor
         ]),
-        port_u=np.array([[1.0], [1.0], [0.0], [0.0], [0.0]]),
+        port_u=np.array([[1.0], [1.0], [0.0], [0.0], [0.0], [0.0], [0.0]]),
         port_d=np.array([
-            [0.0, 0.0, 0.0, 0.0, 0.0],
-            [1.0, 0.0, 0.0, 0.0, 0.0],
-            [0.0, 0.0, 0.0, 0.0, 0.0],
-            [0.0, 0.0, 0.0, 0.0, 0.0],
-            [0.0, 0.0, 0.0, 1.0, 0.0],
+            [0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0],
+            [1.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0],
+            [0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0],
+            [0.0, 0.0, 1.0 / T_c, 0.0, 0.0, 0.0, 0.0],
+            [0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0],
+            [0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0],
+            [0.0, 0.0, 0.0, 0.0, 0.0, 1.0, 0.0],
         ]),
         signal_x=np.array([[1.0, 0.0, 0.0], [0.0, 0.0, 1.0]]),
         signal_u=np.zeros((2, 1)),
-        signal_d=np.zeros((2, 5)),
+        signal_d=np.zeros((2, 7)),
     )
 
 
@@ -67,9 +71,11 @@ VALVE_SERVO = Plant(
     ports=(
         Port('command', 'command', '1', 'opening asked for'),
         Port('converter', 'opening', '1', 'difference of command and opening'),
+        Port('pilot', 'pilot', '1', 'opening of the pilot valve, which sets the speed'),
         Port('actuator', 'speed', '1/s', 'speed of the actuator',
              {'opening': '1', 'position': '1'}),
-        Port('stem', 'stem', '1', 'opening of the valve'),
+        Port('linkage', 'linkage', '1', 'opening that the actuator asks of rod and hinge'),
+        Port('stem', 'stem', '1', 'opening of the valve, beyond what is fed back'),
         Port('sensor', 'sensor', '1', 'opening as measured'),
     ),
     laws=laws,

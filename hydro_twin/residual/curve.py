@@ -112,6 +112,8 @@ def is_better(found: Found, base: Fit, named: Fit, curves: Sequence[Dependence],
 def is_drawn(place: tuple[Port, str], named: Fit, curves: Sequence[Dependence]) -> bool:
     """Whether an effect that was named is a law of that signal at that port, or as good as that.
 
+    As a gain of the speed over the position is where the integral of the speed leads on.
+
     Args:
         place: port and signal of a curve.
         named: the model with effects.
@@ -120,6 +122,8 @@ def is_drawn(place: tuple[Port, str], named: Fit, curves: Sequence[Dependence]) 
     shares = {(curve.port, curve.signal): curve.share for curve in curves}
     here = shares[place]
     for placed in named.candidate.effects:
+        if (placed.effect.id, place[0].kind) == ('gain', 'linkage'):
+            return True
         reads = placed.effect.reads or ('value',)
         there = shares.get((placed.port, reads[0]), 0.0)
         if len(reads) == 1 and abs(there - here) <= ALIKE * here:

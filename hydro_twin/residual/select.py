@@ -136,8 +136,9 @@ def contend(base: Fit, parts: Sequence[Part], most: int, afresh: bool,
     """Fit effects on top of a base in full; best first.
 
     A small score does not rule an effect out: re-tuning may imitate it where the base stands,
-    but not where the full fit would stand. And a strong effect bends the linear fit so far that
-    no path leads on from there, so a first round also starts from the middle of the box.
+    but not where the full fit would stand; an effect that hides in this way always has its turn.
+    And a strong effect bends the linear fit so far that no path leads on from there, so a first
+    round also starts from the middle of the box.
 
     Args:
         base: what they are added to.
@@ -150,13 +151,17 @@ def contend(base: Fit, parts: Sequence[Part], most: int, afresh: bool,
     prospects = screen(base, parts)
     if not afresh and nothing_shows(base, prospects):
         return []
-    near = [with_effect(base.candidate, placed) for placed in shortlist(prospects, most)]
+    reach = spans(base.candidate, parts)
+    hiding = [Placed(effect, port, tuple(values))
+              for effect, port in places(base.candidate.plant, base.candidate.effects)
+              if effect.hides for values in effect.starts(reach[port])[:1]]
+    near = [with_effect(base.candidate, placed)
+            for placed in (*shortlist(prospects, most), *hiding)]
     plain = list(known)
     if afresh:
         middle = {name: math.exp(0.5 * (low + high))
                   for name, (low, high) in usual(base.candidate.plant).items()}
         linear = replace(base.candidate, values={**base.candidate.values, **middle}, timing={})
-        reach = spans(base.candidate, parts)
         plain += nearest([Placed(effect, port, tuple(values))
                           for effect, port in places(linear.plant, linear.effects)
                           for values in effect.starts(reach[port])], linear, parts)
@@ -308,4 +313,4 @@ def shortlist(prospects: Sequence[Prospect], most: int) -> list[Placed]:
             placed)
     return [placed for rank, some in enumerate(starts.values())
             for placed in some[:2 if rank < AGAIN else 1]
-            if rank < most or placed.effect.shifts]
+            if rank < most or placed.effect.hides]

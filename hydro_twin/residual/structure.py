@@ -15,7 +15,7 @@ from scipy import signal, stats
 
 from hydro_twin.effects.curve import KNOTS
 from hydro_twin.fitting.candidate import Candidate, Part
-from hydro_twin.fitting.free_run import Fit
+from hydro_twin.fitting.free_run import Fit, label
 from hydro_twin.fitting.start import START
 from hydro_twin.plants import Port
 from hydro_twin.plants.difference_equation import DifferenceEquation, from_state_space
@@ -208,7 +208,9 @@ def foretold(fit: Fit, parts: Sequence[Part]) -> tuple[float, float]:
 
     The columns are the signals, their odd and even powers and their products in pairs, each at
     once and through two lags: enough to see that something is left where no single curve shows
-    what. Noise, white or coloured, is not foretold.
+    what. They are those of one sample before, since a controller answers the noise of a sample
+    with the command of the same; nor is what is held against the edge of its range re-tuned, as
+    the timing, by which that command would act at once. Noise, white or coloured, is not foretold.
     """
     sample_time = fit.candidate.sample_time
     observed = _observe(fit.candidate, parts)
@@ -226,8 +228,10 @@ def foretold(fit: Fit, parts: Sequence[Part]) -> tuple[float, float]:
         for lag in LAGS:
             share = 1.0 - np.exp(-sample_time / lag)
             lagged.append(signal.lfilter([share], [1.0, share - 1.0], shapes, axis=0))
-        pieces.append(np.column_stack(lagged)[START:])
-    basis, _ = np.linalg.qr(fit.jacobian)
+        pieces.append(np.column_stack(lagged)[START - 1:-1])
+    held = fit.at_bound()
+    free = [label(unknown) not in held for unknown in fit.unknowns]
+    basis, _ = np.linalg.qr(fit.jacobian[:, free])
     _, share, p_value = explained(np.concatenate(pieces), fit.residual, basis)
     return share, p_value
 

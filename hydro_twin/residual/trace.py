@@ -239,10 +239,12 @@ def _contested(chain: Chain, parts: Sequence[Part], curves: Sequence[Dependence]
                at_first: Sequence[Dependence]) -> bool:
     """Whether a curve may do without what was named.
 
-    Something is left that names do not explain; or one curve, elsewhere, explains most of what
-    there was at first.
+    Something is left that names do not explain; or it took one name at two places; or one curve,
+    elsewhere, explains most of what there was at first.
     """
-    if any(curve.shows for curve in curves) or foretold(chain.fit, parts)[1] < LIKELY:
+    ids = [chain.fit.candidate.effects[found.index].effect.id for found in chain.findings]
+    if (any(curve.shows for curve in curves) or len(set(ids)) < len(ids)
+            or foretold(chain.fit, parts)[1] < LIKELY):
         return True
     return any(curve.share > ENOUGH and not is_drawn((curve.port, curve.signal), chain.fit,
                                                      at_first) for curve in at_first[:1])

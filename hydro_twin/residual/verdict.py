@@ -11,6 +11,7 @@ CLOSE = 10.0            # distance of the criterion below which the data do not 
 LEFT = 0.01             # share of what is left, foretold by the ports, that makes a law wrong
 LIKELY = 0.05           # p-value of that
 LOUD = 4.0              # error over that of the noise, beyond which it cannot all be noise
+CLEAN = 2.5             # error over that of the noise, up to which it may be coloured noise alone
 TELLING = 3000.0        # power explained over the noise's, to tell a law from one a little off
 
 
@@ -78,6 +79,7 @@ def _judge(trace: Trace, finding: Finding) -> Judged:
     return Judged(
         finding, placed.effect.id, placed.port.name,
         certain=telling > TELLING and not is_structured(trace, LIKELY)
+        and trace.after.error < CLEAN * trace.floor
         and all(distance > NEAR for _, distance in rivals),
         elsewhere=tuple(contender.placed.port.name for contender, distance in finding.rivals
                         if contender.id == placed.effect.id and distance < CLOSE),

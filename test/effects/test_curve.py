@@ -32,10 +32,12 @@ def test_is_the_cubic_with_the_slopes_of_its_neighbours():
                                CubicHermiteSpline(knots, added, slopes)(x), atol=1e-12)
 
 
-def test_is_held_beyond_its_knots():
+def test_goes_straight_on_beyond_its_knots():
     placed = curve(FLOW, 'opening', -1.0, 1.0, np.arange(KNOTS) ** 2.0)
-    np.testing.assert_array_equal(values(placed, np.array([-9.0, -1.0, 1.0, 9.0])),
-                                  [0.0, 0.0, (KNOTS - 1.0) ** 2, (KNOTS - 1.0) ** 2])
+    step = 2.0 / (KNOTS - 1)
+    first, last = 1.0 / step, (2 * KNOTS - 3) / step        # slopes between the outer knots
+    np.testing.assert_allclose(values(placed, np.array([-1.5, -1.0, 1.0, 3.0])),
+                               [-0.5 * first, 0.0, (KNOTS - 1)**2, (KNOTS - 1)**2 + 2 * last])
 
 
 @pytest.mark.parametrize(('port', 'signal', 'reach', 'change'), [

@@ -112,8 +112,18 @@ def test_saturation_may_have_one_end():
 def test_ripple_is_a_wave_with_a_phase():
     cosine, sine = 3.0, -2.0
     expected = math.hypot(cosine, sine) * np.cos(9 * V - math.atan2(sine, cosine))
-    found = apply(('ripple', 'force'), np.zeros_like(V), [cosine, sine, 9.0], [V])
+    found = apply(('ripple', 'force'), np.zeros_like(V), [cosine, sine, 9.0, *[0.0] * 4], [V])
     np.testing.assert_allclose(found, expected, atol=1e-13)
+
+
+def test_ripple_with_harmonics_is_a_fourier_series():
+    amplitudes = np.array([0.0, 3.0 - 2.0j, -1.0 + 0.5j, 0.25j])
+    turn = np.arange(64) / 64 * 2 * np.pi / 9.0
+    expected = np.fft.irfft(np.conj(amplitudes) / 2, 64) * 64
+    parameters = [amplitudes[1].real, amplitudes[1].imag, 9.0,
+                  *(part for a in amplitudes[2:] for part in (a.real, a.imag))]
+    found = apply(('ripple', 'force'), np.zeros(64), parameters, [turn])
+    np.testing.assert_allclose(found, expected, atol=1e-12)
 
 
 def test_stiffening_is_the_slope_of_the_energy_of_a_cubic_spring():

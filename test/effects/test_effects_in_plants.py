@@ -17,7 +17,7 @@ NEUTRAL = {   # parameters with which a law changes nothing
     'friction': (0.0, 0.0, 1.0, INF), 'dead_zone': (0.0, 0.0, 0.0), 'backlash': (0.0,),
     'saturation': (-INF, INF), 'rate_limit': (INF, 0.0), 'hysteresis': (0.0, 1.0), 'delay': (0.0,),
     'asymmetry': (0.0,), 'bias': (0.0,), 'orifice': (INF,), 'leakage': (0.0, 0.5),
-    'stiffening': (0.0,), 'ripple': (0.0, 0.0, 9.0), 'gain': (0.0,),
+    'stiffening': (0.0,), 'ripple': (0.0, 0.0, 9.0, 0.0, 0.0, 0.0, 0.0), 'gain': (0.0,),
 }
 SITES = [(plant, effect, port) for plant in PLANTS.values() for effect in EFFECTS
          for port in sites(effect, plant)]
@@ -86,7 +86,8 @@ def test_halving_the_step_changes_little(site):
     if effect.refined is not None:
         strengths += [tuple(r) for s in strengths[:4] for r in effect.refined(span, s)]
     if effect.id == 'ripple':               # three periods, however little the motor turns
-        strengths = [(0.1 * span.value, 0.2 * span.value, 6 * np.pi / span.travel['position'])]
+        waves = 0.1 * span.value, 0.2 * span.value, 6 * np.pi / span.travel['position']
+        strengths = [(*waves, *harmonics) for harmonics in [(0.0,) * 4, waves[:2] * 2]]
     largest = 0.0
     for strength in strengths[::max(1, len(strengths) // 12)]:
         placed = [Placed(effect, port, strength)]

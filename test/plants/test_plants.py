@@ -32,10 +32,12 @@ def valve_servo(v, x, u, d):
     c, a, y = x
     command = u[0] + d[0]
     error = command - y + d[1]
-    speed = c / v['T_c'] + d[2]
-    stem = y + d[3]
-    return ([(v['k_1'] * error - c) / v['T_y'], speed, (a - y) / v['tau']],
-            [command, error, speed, stem, stem + d[4]], [c, y])
+    pilot = c + d[2]
+    speed = pilot / v['T_c'] + d[3]
+    linkage = a + d[4]
+    stem = y + d[5]
+    return ([(v['k_1'] * error - c) / v['T_y'], speed, (linkage - y) / v['tau']],
+            [command, error, pilot, speed, linkage, stem, stem + d[6]], [c, y])
 
 
 def cylinder(v, x, u, d):

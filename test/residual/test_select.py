@@ -7,7 +7,7 @@ import pytest
 from traced_rig import fitted, PLANT, record
 
 from hydro_twin.model import place
-from hydro_twin.residual.select import elsewhere, far, refine, search
+from hydro_twin.residual.select import contend, elsewhere, far, refine, search
 
 STRIBECK = ('friction', 'motor', {'coulomb': 6.0, 'stribeck': 4.0, 'stribeck_velocity': 0.02})
 BIAS = ('bias', 'motor', {'offset': 2.0})
@@ -51,6 +51,27 @@ def test_an_earlier_effect_is_refined_where_another_follows_it():
     assert finer.error == pytest.approx(0.1, rel=0.1)
     assert fit.error > 1.2 * finer.error
     assert far(finer.candidate, parts) < far(fit.candidate, parts)
+
+
+def test_a_ripple_is_refined_by_its_harmonics():
+    waves = {'cosine': 4.0, 'sine': 2.0, 'periods': 300.0, 'sine_2': -2.0, 'cosine_3': 1.0}
+    alone, parts, _ = fitted(record(('ripple', 'motor', waves), noise=0.2))
+    plain = place('ripple', 'motor', {'cosine': 1.0, 'sine': 1.0, 'periods': 300.0}, PLANT)
+    fit = search(replace(alone.candidate, effects=(plain,)), parts, 40)
+    (ripple,) = refine([fit], parts)[0].candidate.effects
+    for name, value in waves.items():
+        assert ripple.named[name] == pytest.approx(value, rel=0.05, abs=0.1)
+
+
+def test_a_delay_that_lags_and_inertia_had_made_up_for():
+    both = ('delay', 'command', {'time': 0.008}), ('dead_zone', 'spool', {'width': 4e-6})
+    alone, parts, _ = fitted(record(*both, noise=0.3))
+    zone = replace(alone.candidate, effects=(place(*both[1], PLANT),))
+    base = search(zone, parts, 40)
+    first, *_ = contend(base, parts, 8, False)
+    assert first.id == 'delay'
+    assert first.placed.named['time'] == pytest.approx(0.008, rel=0.1)
+    assert first.fit.error < 0.99 * base.error
 
 
 def test_what_needs_no_refinement_stays_as_it_is():

@@ -1,14 +1,17 @@
 """Which port and signal a residual depends on, where that is known."""
+from dataclasses import replace
 from functools import cache
 
 import numpy as np
 import pytest
 from scipy.signal import cont2discrete, dlsim, lfilter
-from traced_rig import fitted, PLANT, record
+from traced_rig import fitted, PLANT, record, VALUES
 
-from hydro_twin.fitting.candidate import Candidate, Part
+from hydro_twin.fitting.candidate import Candidate, Part, parts_of
+from hydro_twin.fitting.free_run import fit_linear
 from hydro_twin.fitting.start import START
 from hydro_twin.plants import PLANTS
+from hydro_twin.predictors.system import assemble
 from hydro_twin.residual.screen import hidden, screen, spans
 from hydro_twin.residual.structure import (
     dependences,
@@ -31,6 +34,23 @@ def test_a_linear_rig_depends_on_nothing(linear):
         for share, p_value in (drift(fit), foretold(fit, train)):
             assert p_value > 0.01
             assert share < 0.01
+
+
+@pytest.mark.parametrize('gain', [0.0025, 0.01])
+def test_noise_that_a_controller_answers_is_not_foretold(gain):
+    """In closed loop the command of a sample holds the noise of the same."""
+    recording = record(noise=0.0)
+    rig, rng = assemble(PLANT, VALUES), np.random.default_rng(0)
+    parts = []
+    for part in parts_of(recording, PLANT):
+        noise = 0.5 * rng.standard_normal(len(part.measured))
+        u_m = part.inputs[:, 0] - gain * noise
+        inputs = np.column_stack([u_m, part.inputs[:, 1]])
+        moved = rig.run(inputs, np.zeros(4)) - rig.run(part.inputs, np.zeros(4))
+        parts.append(replace(part, inputs=inputs, measured=part.measured + moved + noise))
+    fit = fit_linear(PLANT, parts, PLANT.constant_values(), 0.002, 'physical', timing=True)
+    assert fit.error == pytest.approx(0.5, rel=0.02)
+    assert foretold(fit, parts)[1] > 0.05
 
 
 LAWS = {   # law on its port, the ports at which it may be seen, the signals there
