@@ -10,7 +10,7 @@ from hydro_twin.residual.trace import Trace
 CLOSE = 10.0            # distance of the criterion below which the data do not tell rivals apart
 LEFT = 0.01             # share of what is left, foretold by the ports, that makes a law wrong
 LIKELY = 0.05           # p-value of that
-LOUD = 4.0              # error over that of the noise, beyond which it cannot all be noise
+LOUD = 6.0              # error over that of the noise, beyond which it cannot all be noise
 CLEAN = 2.5             # error over that of the noise, up to which it may be coloured noise alone
 TELLING = 3000.0        # power explained over the noise's, to tell a law from one a little off
 

@@ -1,10 +1,13 @@
 """What may be said of a trace."""
 from dataclasses import replace
 
+import numpy as np
 import pytest
+from scipy.signal import lfilter
 from trace_by_hand import trace
 
 from hydro_twin.report.summary import remainder_sentence
+from hydro_twin.residual.noise import noise_floor
 from hydro_twin.residual.verdict import judge
 
 
@@ -17,9 +20,24 @@ def test_an_error_of_many_times_the_noise_is_not_noise(rubbing):
     assert judge(rubbing).kind == 'effect_found'
     nothing = replace(rubbing, findings=())
     assert judge(nothing).kind == 'nothing_missing'
-    loud = replace(nothing, floor=nothing.after.error / 6.0)
+    loud = replace(nothing, floor=nothing.after.error / 8.0)
     assert judge(loud).kind == 'unexplained'
-    assert '6 times as large as the noise' in remainder_sentence(loud)
+    assert '8 times as large as the noise' in remainder_sentence(loud)
+
+
+def test_coloured_noise_may_look_five_times_as_large(rubbing):
+    """As the documentation has it, of an AR(1) process of 0.93 a sample."""
+    noise = lfilter([1.0], [1.0, -0.93], np.random.default_rng(0).standard_normal(20000))
+    looks = noise.std() / noise_floor([noise])
+    assert looks == pytest.approx(5.0, rel=0.1)
+    coloured = replace(rubbing, findings=(), floor=rubbing.after.error / looks)
+    assert judge(coloured).kind == 'nothing_missing'
+
+
+def test_a_law_is_not_certain_where_much_is_left(rubbing):
+    assert any(one.certain for one in judge(rubbing).judged)
+    more = replace(rubbing, floor=rubbing.after.error / 3.0)
+    assert not any(one.certain for one in judge(more).judged)
 
 
 @pytest.mark.parametrize('unseen', [1.5, float('nan')])
