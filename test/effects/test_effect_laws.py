@@ -126,14 +126,17 @@ def test_ripple_with_harmonics_is_a_fourier_series():
     np.testing.assert_allclose(found, expected, atol=1e-12)
 
 
-def test_stiffening_is_the_slope_of_the_energy_of_a_cubic_spring():
+@pytest.mark.parametrize(('stage', 'begins'), [(0.0, 1.0), (1.5, 0.4321)])
+def test_stiffening_is_the_slope_of_the_energy_of_a_cubic_spring_and_one_behind_a_gap(
+        stage, begins):
     stiffness, cubic, step = 2.0, 0.6, 1e-5
 
     def energy(twist):
-        return stiffness * (twist**2 / 2 + cubic * twist**4 / 4)
+        met = np.maximum(np.abs(twist) - begins, 0.0)
+        return stiffness * (twist**2 / 2 + cubic * twist**4 / 4 + stage * met**2 / 2)
 
     expected = (energy(V + step) - energy(V - step)) / (2 * step)
-    found = apply(('stiffening', 'coupling'), stiffness * V, [cubic], [V])
+    found = apply(('stiffening', 'coupling'), stiffness * V, [cubic, stage, begins], [V])
     np.testing.assert_allclose(found, expected, atol=1e-8)
 
 
