@@ -4,7 +4,6 @@ from __future__ import annotations
 from hydro_twin.compiled import compiled
 from hydro_twin.effects.effect import Effect, EffectParameter, Span, Starts
 
-
 SOFTEST = 4.0           # rise in the second stage: what is softer in the first is a play
 
 
