@@ -6,7 +6,7 @@ and correlate with the residual.
 """
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 import math
 
@@ -29,14 +29,12 @@ class Prospect:
 
     Attributes:
         share: of the residual's power that it explains at that start, scaled to fit.
-        power: of what it does to the output beyond re-tuning, over that of the residual.
         gain: the scale that fits; near 1 the start is about right.
     """
 
     placed: Placed
     share: float
     gain: float
-    power: float
 
 
 def spans(candidate: Candidate, parts: Sequence[Part]) -> dict[Port, Span]:
@@ -72,43 +70,53 @@ def places(plant: Plant, taken: Sequence[Placed]) -> list[tuple[Effect, Port]]:
             if (effect, port) not in used]
 
 
-def screen(fit: Fit, parts: Sequence[Part], each: int = 2) -> list[Prospect]:
+def screen(fit: Fit, parts: Sequence[Part]) -> list[Prospect]:
     """Rank effects by what they explain of the residual of a fit.
 
     Returns:
-        For every effect and port its best starts, at most `each`, best effect first.
+        For every effect and port its best starts, at most two, best effect first.
     """
-    base = fit.candidate
-    reach = spans(base, parts)
-    basis, _ = np.linalg.qr(fit.jacobian)
-    residual = fit.residual - basis @ (basis.T @ fit.residual)
+    candidate = fit.candidate
+    reach = spans(candidate, parts)
+    untuned = _beyond_tuning(fit)
+    residual = untuned(fit.residual)
     power = float(residual @ residual)
-    starts = [Placed(effect, port, tuple(values))
-              for effect, port in places(base.plant, base.effects)
-              for values in effect.starts(reach[port])
-              if all(p.lower <= v <= p.upper for p, v in
-                     zip(effect.parameters, values, strict=True))]
-
-    def response(placed: Placed) -> FloatArray:
-        candidate = replace(base, effects=(*base.effects, placed))
-        moved: FloatArray = fit.residual - np.concatenate(candidate.fitted_residuals(parts))
-        return moved
-
+    starts = [placed for effect, port in places(candidate.plant, candidate.effects)
+              for placed in _starts(effect, port, reach[port])]
     prospects: dict[tuple[str, str], list[Prospect]] = {}
-    for placed, moved in zip(starts, in_processes(response, starts), strict=True):
-        moved = moved - basis @ (basis.T @ moved)
+    responses = in_processes(lambda placed: untuned(_response(fit, placed, parts)), starts)
+    for placed, moved in zip(starts, responses, strict=True):
         size = float(moved @ moved)
         along = float(moved @ residual)
         if not math.isfinite(size) or size <= 0.0:
             continue
         right_way = max(along, 0.0)
-        prospect = Prospect(placed, right_way**2 / (size * power), right_way / size,
-                            size / power)
+        prospect = Prospect(placed, right_way**2 / (size * power), right_way / size)
         prospects.setdefault((placed.effect.id, placed.port.kind + placed.port.name),
                              []).append(prospect)
-    best = [sorted(some, key=_promise, reverse=True)[:each] for some in prospects.values()]
+    best = [sorted(some, key=_promise, reverse=True)[:2] for some in prospects.values()]
     return [p for some in sorted(best, key=lambda some: _promise(some[0]), reverse=True)
             for p in some]
+
+
+def _starts(effect: Effect, port: Port, reach: Span) -> list[Placed]:
+    """List the starts of an effect that are within its bounds."""
+    return [Placed(effect, port, tuple(values)) for values in effect.starts(reach)
+            if all(p.lower <= v <= p.upper
+                   for p, v in zip(effect.parameters, values, strict=True))]
+
+
+def _beyond_tuning(fit: Fit) -> Callable[[FloatArray], FloatArray]:
+    """Return what takes off an output what re-tuning could do as well."""
+    basis, _ = np.linalg.qr(fit.jacobian)
+    return lambda output: output - basis @ (basis.T @ output)
+
+
+def _response(fit: Fit, placed: Placed, parts: Sequence[Part]) -> FloatArray:
+    """Return how an effect would move the output, (N,)."""
+    candidate = replace(fit.candidate, effects=(*fit.candidate.effects, placed))
+    moved: FloatArray = fit.residual - np.concatenate(candidate.fitted_residuals(parts))
+    return moved
 
 
 def _promise(prospect: Prospect) -> float:
@@ -133,16 +141,24 @@ def hidden(fit: Fit, parts: Sequence[Part]) -> list[Hidden]:
     An effect shows if what it does beyond re-tuning would stand out of the residual as it is.
     """
     reach = spans(fit.candidate, parts)
-    strongest: dict[tuple[Effect, str], float] = {}
-    for prospect in screen(fit, parts, each=1000):
-        key = (prospect.placed.effect, prospect.placed.port.name)
-        strongest[key] = max(strongest.get(key, 0.0), prospect.power * len(fit.residual))
+    untuned = _beyond_tuning(fit)
+    noise = untuned(fit.residual)
+    seen = VISIBLE * float(noise @ noise) / len(noise)
+
+    def shows(place: tuple[Effect, Port]) -> bool:
+        """Whether it shows at any start; the strongest come last."""
+        for placed in reversed(_starts(*place, reach[place[1]])):
+            moved = untuned(_response(fit, placed, parts))
+            if seen <= float(moved @ moved) < math.inf:
+                return True
+        return False
+
     found = []
-    for effect, port in places(fit.candidate.plant, fit.candidate.effects):
-        shows = strongest.get((effect, port.name), 0.0)
-        if shows < VISIBLE or effect.beyond_reach:
+    everywhere = places(fit.candidate.plant, fit.candidate.effects)
+    for (effect, port), shown in zip(everywhere, in_processes(shows, everywhere), strict=True):
+        if not shown or effect.beyond_reach:
             unit = '' if port.unit == '1' else f' {port.unit}'
-            says = effect.excitation if shows < VISIBLE else (
+            says = effect.excitation if not shown else (
                 f'the {port.name} reached {reach[port].value:.3g}{unit}; '
                 f'a limit beyond that cannot show')
             found.append(Hidden(effect.id, port.name, says))

@@ -36,6 +36,7 @@ AGAIN = 5               # effects, the best by their score, that start from two 
 KEPT = 4                # effects searched to the end
 SHORT, LONG = 10, 40     # evaluations of a search: to compare, to the end
 WITHIN = 3.0            # times the error of the best: no refinement makes up for more
+HOPELESS = 5.0          # and no longer search
 PROMISING = 20.0        # gain of the log-likelihood, twice, below which a score is chance
 
 
@@ -210,7 +211,8 @@ def finish(base: Fit, tried: Sequence[Fit], parts: Sequence[Part]) -> list[Conte
     its own start there may have ended in a local minimum.
     """
     ranked = best_at_each_place(tried)
-    longer = list(search_all([fit.candidate for fit in ranked[:KEPT]], parts, LONG))
+    kept = [fit for fit in ranked[:KEPT] if fit.error <= HOPELESS * ranked[0].error]
+    longer = list(search_all([fit.candidate for fit in kept], parts, LONG))
     near = WITHIN * min((fit.error for fit in longer), default=0.0)
     done = refine([fit for fit in longer if fit.error <= near], parts)
     done += [fit for fit in longer if fit.error > near]
@@ -218,7 +220,7 @@ def finish(base: Fit, tried: Sequence[Fit], parts: Sequence[Part]) -> list[Conte
         moved = elsewhere(best.candidate, parts)
         moved += [replace(base.candidate, effects=there.effects) for there in moved]
         done += search_all(moved, parts, LONG)
-    fits = [fit for fit in best_at_each_place(done + ranked[KEPT:]) if told(fit, parts)]
+    fits = [fit for fit in best_at_each_place(done + ranked[len(kept):]) if told(fit, parts)]
     if not fits:
         return []
     order = np.argsort(criterion(fits), kind='stable')
