@@ -87,8 +87,9 @@ def is_better(found: Found, base: Fit, named: Fit, curves: Sequence[Dependence],
     """Whether one curve does clearly better than all effects that were named instead of it.
 
     On what was fitted, and not clearly worse on what was not. Not where one of these is a law of
-    the same signal at the same place that explains most of what the curve does, which only draws
-    it more finely; nor where it is a bias, and the curve little else.
+    the same signal at the same place (or where a curve would do as well) that explains most of
+    what the curve does, which only draws it more finely; nor where it is a bias, and the curve
+    little else.
 
     Args:
         found: a curve on the model before.
@@ -98,10 +99,10 @@ def is_better(found: Found, base: Fit, named: Fit, curves: Sequence[Dependence],
         unseen: what was not fitted.
         seed: of the bootstrap.
     """
-    here = (found.placed.port, found.placed.effect.reads[0])
+    here = [found.placed, *(other for other, distance in found.others if distance < CLEARLY)]
     biased = any(is_bias(placed) for placed in named.candidate.effects)
     explained = base.error**2 - named.error**2
-    drawn = (is_drawn(here, named, curves)
+    drawn = (any(is_drawn((one.port, one.effect.reads[0]), named, curves) for one in here)
              and explained > DRAWN * (base.error**2 - found.fit.error**2))
     if drawn or (biased and is_mostly_constant(found.fit, unseen)):
         return False

@@ -239,12 +239,12 @@ def _contested(chain: Chain, parts: Sequence[Part], curves: Sequence[Dependence]
                at_first: Sequence[Dependence]) -> bool:
     """Whether a curve may do without what was named.
 
-    Something is left that names do not explain; or it took one name at two places; or one curve,
-    elsewhere, explains most of what there was at first.
+    Something may be left that names do not explain, for it is not white; or it took one name at
+    two places; or one curve, elsewhere, explains most of what there was at first.
     """
     ids = [chain.fit.candidate.effects[found.index].effect.id for found in chain.findings]
     if (any(curve.shows for curve in curves) or len(set(ids)) < len(ids)
-            or foretold(chain.fit, parts)[1] < LIKELY):
+            or foretold(chain.fit, parts)[1] < LIKELY or not is_white(stretches(chain.fit))):
         return True
     return any(curve.share > ENOUGH and not is_drawn((curve.port, curve.signal), chain.fit,
                                                      at_first) for curve in at_first[:1])

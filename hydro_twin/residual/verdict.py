@@ -9,7 +9,7 @@ from hydro_twin.residual.trace import Trace
 
 CLOSE = 10.0            # distance of the criterion below which the data do not tell rivals apart
 LEFT = 0.01             # share of what is left, foretold by the ports, that makes a law wrong
-LIKELY = 0.05           # p-value of that
+LIKELY = 0.05           # p-value of that, or any below 1 where what is left has memory
 LOUD = 6.0              # error over that of the noise, beyond which it cannot all be noise
 CLEAN = 2.5             # error over that of the noise, up to which it may be coloured noise alone
 TELLING = 3000.0        # power explained over the noise's, to tell a law from one a little off
@@ -78,7 +78,7 @@ def _judge(trace: Trace, finding: Finding) -> Judged:
     telling = finding.share / (1.0 - min(finding.share, 1.0 - 1e-12)) * len(trace.after.residual)
     return Judged(
         finding, placed.effect.id, placed.port.name,
-        certain=telling > TELLING and not is_structured(trace, LIKELY)
+        certain=telling > TELLING and not is_structured(trace, LIKELY if trace.white else 1.0)
         and trace.after.error < CLEAN * trace.floor
         and all(distance > NEAR for _, distance in rivals),
         elsewhere=tuple(contender.placed.port.name for contender, distance in finding.rivals

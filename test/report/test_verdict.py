@@ -42,6 +42,16 @@ def test_a_law_is_not_certain_where_much_is_left(rubbing):
     assert not any(one.certain for one in judge(more).judged)
 
 
+def test_a_law_is_not_certain_where_memory_is_left_that_the_ports_foretell(rubbing):
+    alone = replace(rubbing, findings=tuple(
+        replace(finding, rivals=()) for finding in rubbing.findings))
+    doubtful = (0.1, 0.2)       # a tenth is foretold, which noise might be once in five times
+    for white, foretold, certain in ((True, doubtful, True), (False, doubtful, False),
+                                     (False, (0.1, 1.0), True), (False, (0.001, 0.2), True)):
+        found = judge(replace(alone, white=white, foretold=foretold)).judged
+        assert all(one.certain == certain for one in found), (white, foretold)
+
+
 @pytest.mark.parametrize('unseen', [1.5, float('nan')])
 def test_a_model_that_fails_elsewhere_lacks_something(rubbing, unseen):
     nothing = replace(rubbing, findings=())
