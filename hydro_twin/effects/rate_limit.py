@@ -5,11 +5,19 @@ from hydro_twin.compiled import compiled
 from hydro_twin.effects.effect import Effect, EffectParameter, Span, Starts
 
 
+HARD = 0.02             # softness below which there is a corner
+
+
 @compiled
 def law(v, s, p, z, h, c, z_next):  # type: ignore[no-untyped-def]
-    """Keep the speed v between -limit (1 - imbalance) and limit (1 + imbalance)."""
-    limit, imbalance = p[0], p[1]
-    return min(max(v, -limit * (1.0 - imbalance)), limit * (1.0 + imbalance))
+    """Keep the speed v between -limit (1 - imbalance) and limit (1 + imbalance).
+
+    Where it is soft, v / (1 + |v / limit|^n)^(1/n), n = 1 / softness: at 0.37 tanh to 2 %.
+    """
+    limit = p[0] * (1.0 + p[1] if v > 0.0 else 1.0 - p[1])
+    if p[2] < HARD:
+        return min(max(v, -limit), limit)
+    return v / (1.0 + (abs(v) / limit)**(1.0 / p[2]))**p[2]
 
 
 def starts(span: Span) -> Starts:
@@ -17,16 +25,16 @@ def starts(span: Span) -> Starts:
 
     A little uneven, so that a search finds limits that differ; alike ones are tried afterwards.
     """
-    return [(share * span.value, 0.05) for share in (0.95, 0.8, 0.6, 0.4, 0.25, 0.12)]
+    return [(share * span.value, 0.05, 0.0) for share in (0.95, 0.8, 0.6, 0.4, 0.25, 0.12)]
 
 
 def refined(span: Span, values: tuple[float, ...]) -> Starts:
-    """Let one way go free; the other keeps the limit, or half of it."""
+    """Let one way go free, where the other keeps the limit, or half of it; or soften both."""
     ways = []
     for limit in (values[0], 0.5 * values[0]):
         mean = 0.5 * (limit + max(span.value, 2.0 * limit))
-        ways += [(mean, 1.0 - limit / mean), (mean, limit / mean - 1.0)]
-    return ways
+        ways += [(mean, 1.0 - limit / mean, 0.0), (mean, limit / mean - 1.0, 0.0)]
+    return [*ways, (values[0], values[1], 0.37)]
 
 
 EFFECT = Effect(
@@ -37,6 +45,8 @@ EFFECT = Effect(
         EffectParameter('limit', 'largest speed', 'value', 1e-12, 1e12),
         EffectParameter('imbalance', 'half the difference of the limits up and down over their '
                         'mean', '1', -0.999, 0.999, log=False, refinement=0.0),
+        EffectParameter('softness', 'of the corners, one over their power', '1', 0.0, 1.0,
+                        log=False, refinement=0.0),
     ),
     starts=starts,
     excitation='use fast large steps',

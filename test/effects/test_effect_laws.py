@@ -95,13 +95,21 @@ def test_orifice_is_the_square_root_of_the_drop():
 
 @pytest.mark.parametrize('key', [('rate_limit', 'rate'), ('saturation', 'opening')])
 def test_limits_are_limits(key):
-    limits = [0.7, 0.0] if key[0] == 'rate_limit' else [-0.7, 0.7]
+    limits = [0.7, 0.0, 0.0] if key[0] == 'rate_limit' else [-0.7, 0.7]
     np.testing.assert_array_equal(apply(key, V, limits), np.clip(V, -0.7, 0.7))
 
 
 def test_rates_may_differ_up_and_down():
-    np.testing.assert_allclose(apply(('rate_limit', 'rate'), V, [1.0, -0.7]),
+    np.testing.assert_allclose(apply(('rate_limit', 'rate'), V, [1.0, -0.7, 0.0]),
                                np.clip(V, -1.7, 0.3), rtol=1e-15)
+
+
+def test_a_soft_rate_limit_is_nearly_the_hyperbolic_tangent():
+    limit = np.where(V > 0, 0.5, 0.7)
+    found = apply(('rate_limit', 'rate'), V, [0.6, -1 / 6, 0.37])
+    np.testing.assert_allclose(found, limit * np.tanh(V / limit), atol=0.0201 * 0.7)
+    nearly_hard = apply(('rate_limit', 'rate'), V, [0.6, 0.0, 0.021])
+    np.testing.assert_allclose(nearly_hard, np.clip(V, -0.6, 0.6), atol=0.02)
 
 
 def test_saturation_may_have_one_end():
