@@ -116,8 +116,10 @@ def rig_of(plant: Plant, config: Path | None = None,
     return Rig(plant, values, signals, sample_time)
 
 
-def read(bags: Sequence[Path], rig: Rig) -> Recording:
+def read(bags: Sequence[Path], rig: Rig, paced_by: str | None = None) -> Recording:
     """Read bags onto the time grid of the rig, commands held and measurements interpolated.
+
+    See `read_recording` for `paced_by`.
 
     Raises:
         BagError: a bag cannot be read, or lacks a signal.
@@ -126,7 +128,7 @@ def read(bags: Sequence[Path], rig: Rig) -> Recording:
 
     held = {signal.name for signal in rig.plant.signals if signal.held}
     with progress('reading'):
-        return read_recording(bags, rig.signals, held, rig.sample_time)
+        return read_recording(bags, rig.signals, held, rig.sample_time, paced_by=paced_by)
 
 
 def train_and_test(args: argparse.Namespace, rig: Rig) -> tuple[Recording, Recording]:

@@ -2,6 +2,7 @@
 from __future__ import annotations
 
 import argparse
+from dataclasses import replace
 from pathlib import Path
 from typing import Any, TYPE_CHECKING
 
@@ -48,7 +49,8 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
         raise UserError(f'{args.model}: a model of {model.plant.name}, not of {rig.plant.name}')
     if args.output.exists() and not args.output.is_dir():
         raise UserError(f'{args.output}: is a file; a folder is needed for the report')
-    recording = read(args.bags, rig)
+    recording = read(args.bags, rig, rig.plant.output.name)
+    rig = replace(rig, sample_time=recording.series[0].sample_time)
     test = read(args.test, rig) if args.test else None
     with progress('tracing') as step:
         found = trace(recording, test, rig.plant, rig.constants, model, args.seed,

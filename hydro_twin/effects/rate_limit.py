@@ -4,7 +4,6 @@ from __future__ import annotations
 from hydro_twin.compiled import compiled
 from hydro_twin.effects.effect import Effect, EffectParameter, Span, Starts
 
-
 HARD = 0.02             # softness below which there is a corner
 
 

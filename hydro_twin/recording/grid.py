@@ -2,6 +2,7 @@
 from __future__ import annotations
 
 from collections.abc import Collection, Mapping
+import math
 
 import numpy as np
 
@@ -14,6 +15,7 @@ MAX_GAP = 5.0   # sample times, or periods of a slower signal, that a pause may 
 MIN_SAMPLES = 10   # shorter stretches hold nothing to learn from
 FEWEST_STEADY = 20   # pauses, to tell that a command is sent at a rate
 STEADY_SHARE = 0.9   # of the pauses of a command within half a period: it is sent at a rate
+SLOWER = 0.1   # of a sample time by which samples may be farther apart
 SLACK = 0.1   # of a sample time: a held signal without stamps may be this late
 
 
@@ -55,6 +57,14 @@ def to_grid(signals: Mapping[str, Samples], held: Collection[str], sample_time: 
                 columns[name] = interpolate(times[name], samples.values, grid)
         series.append(Series(columns, sample_time, int(start), source))
     return series
+
+
+def slowness(samples: Samples, sample_time: float) -> int:
+    """Count the sample times [s] from one sample to the next, as it mostly is; at least one."""
+    if len(samples.stamps) < 2:
+        return 1
+    return max(1, math.ceil(float(np.median(np.diff(samples.stamps))) / (sample_time * 1e9)
+                            - SLOWER))
 
 
 def hold(times: IntArray, values: FloatArray, grid: IntArray) -> FloatArray:

@@ -28,7 +28,7 @@ RIDGES = (1e-5, 1e-3, 1e-1)     # of which the best is taken, and counted as thr
 LAGS = (0.005, 0.025)    # [s]
 LEVEL = 0.01            # of the test, for all dependences together
 WORTH = 0.01            # least share worth telling
-DRIFTS = 0.02           # of a drift
+DRIFTS = 0.05           # least share of a drift worth telling
 
 
 @dataclass(frozen=True)

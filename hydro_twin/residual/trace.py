@@ -152,7 +152,7 @@ def _trace(train: Recording, test: Recording, plant: Plant,
         before = fit_linear(plant, fine, plant.constant_values(constants), sample_time,
                             'physical', timing=True, seed=seed)
     else:
-        before = search(candidate_of(model), fine, 1)
+        before = search(resampled(candidate_of(model), sample_time), fine, 1)
     recorded = sum(len(part.measured) for part in whole)
     factor = harmless_factor(before, fine, recorded)
     fine, elsewhere = excerpt(whole, factor), excerpt(unseen, factor)

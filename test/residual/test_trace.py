@@ -171,6 +171,24 @@ def test_another_clock_does_not_matter(tmp_path, reference):
 
 
 @pytest.mark.slow
+def test_a_measurement_at_half_the_rate_sets_the_clock(tmp_path, capsys):
+    """What a finer grid made up between its samples would pass for less noise than there is."""
+    slow = record(plant=replace(PLANT, sample_time=0.004), bus=0.004, count=2, duration=4.0)
+    signals = load_signals(PLANT.name, [signal.name for signal in PLANT.signals])
+    bag, out = tmp_path / 'bag', tmp_path / 'out'
+    write_recording(bag, slow.series, signals, {})
+    _, report, _ = verb(capsys, 'trace', bag, '--plant', PLANT.name, '-o', out)
+    assert report['verdict'] == 'nothing_missing'
+    assert report['noise_floor'] == pytest.approx(0.5, rel=0.1)
+    assert report['remainder']['lines_hz'] == []
+    assert read_model(out / 'model.yaml').sample_time == 0.004
+    _, again, _ = verb(capsys, 'trace', bag, '--plant', PLANT.name, '-o', tmp_path / 'again',
+                       '--model', out / 'model.yaml')
+    assert again['verdict'] == 'nothing_missing'
+    assert again['before']['free_run']['test'] == pytest.approx(0.5, rel=0.1)
+
+
+@pytest.mark.slow
 def test_what_makes_the_free_run_worse_where_nothing_was_fitted_is_not_named(rubbing, monkeypatch):
     module = importlib.import_module('hydro_twin.residual.trace')
     honest = module._gain

@@ -16,7 +16,8 @@ PLANT = PLANTS['load_simulator']
 VALUES = PLANT.constant_values() | {p.name: (p.lower * p.upper) ** 0.5 for p in PLANT.parameters}
 
 
-def record(*effects, seed=0, noise=0.5, count=3, duration=3.0, plant=PLANT, amplitude=0.1):
+def record(*effects, seed=0, noise=0.5, count=3, duration=3.0, plant=PLANT, amplitude=0.1,
+           bus=0.002):
     """Record series under random multisines; effects as (id, port, parameters)."""
     rng = np.random.default_rng(seed)
     placed = [place(*effect, plant) for effect in effects]
@@ -28,7 +29,7 @@ def record(*effects, seed=0, noise=0.5, count=3, duration=3.0, plant=PLANT, ampl
             return -np.expm1(-(t / 0.1) ** 2)
 
         def command(t, f=f, phase=phase):
-            t = np.floor(t / 0.002 + 1e-6) * 0.002      # on a bus at 500 Hz, whatever the plant's
+            t = np.floor(t / bus + 1e-6) * bus      # held in between, whatever the plant's rate
             return amplitude * gate(t) * np.sum(np.sin(2 * np.pi * np.outer(t, f) + phase), axis=1)
 
         def shaft(t):
