@@ -80,6 +80,8 @@ class Effect:
             parameters to begin at with refinements let in.
         told: what the recording reaches and parameters -> whether such a recording tells them
             from something simpler; where it does not, the effect is no candidate.
+        passes_for: what the recording reaches -> the id of the simpler effect that it would look
+            like there, and '' where it would show for what it is.
         implicit: the law takes the signals as they would be without it, and answers with what
             holds at the end of the step: for forces that jump with the velocity.
         shifts: a pure delay of these inputs ('held' or 'all'), which has no law.
@@ -96,6 +98,7 @@ class Effect:
     hides: bool = False
     refined: Callable[[Span, tuple[float, ...]], Starts] | None = None
     told: Callable[[Span, tuple[float, ...]], bool] | None = None
+    passes_for: Callable[[Span], str] | None = None
     law: Callable[..., Any] | None = None
     reads: tuple[str, ...] = ()
     unit_read: str = ''

@@ -6,6 +6,8 @@ import math
 from hydro_twin.compiled import compiled
 from hydro_twin.effects.effect import Effect, EffectParameter, Span, Starts
 
+FEWEST = 5.0            # periods a turn of a coarse motor
+STILL = 0.5             # [rad] of a period, over which the torque looks constant
 NO_HARMONICS = (0.0, 0.0, 0.0, 0.0)
 
 
@@ -49,6 +51,11 @@ def told(span: Span, values: tuple[float, ...]) -> bool:
     return values[2] * span.travel['position'] > math.pi
 
 
+def passes_for(span: Span) -> str:
+    """Say what it looks like where the motor hardly turns: a constant torque."""
+    return 'bias' if FEWEST * span.travel['position'] < STILL else ''
+
+
 EFFECT = Effect(
     id='ripple',
     title='torque ripple',
@@ -68,5 +75,6 @@ EFFECT = Effect(
     hides=True,
     refined=refined,
     told=told,
+    passes_for=passes_for,
     law=law,
 )

@@ -4,6 +4,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from hydro_twin.residual.chain import Finding, NEAR
+from hydro_twin.residual.screen import places, spans
 from hydro_twin.residual.structure import drifts
 from hydro_twin.residual.trace import Trace
 
@@ -74,22 +75,37 @@ def is_loud(trace: Trace) -> bool:
 def _judge(trace: Trace, finding: Finding) -> Judged:
     """Judge one finding against its rivals and against what is left."""
     placed = trace.after.candidate.effects[finding.index]
-    rivals = _by_id(finding, placed.effect.id)
+    elsewhere = tuple(contender.placed.port.name for contender, distance in finding.rivals
+                      if contender.id == placed.effect.id and distance < CLOSE)
+    alike = _alike(trace, placed.effect.id, (placed.port.name, *elsewhere))
+    rivals = _nearest_first(_by_id(finding, placed.effect.id) | dict.fromkeys(alike, 0.0))
     telling = finding.share / (1.0 - min(finding.share, 1.0 - 1e-12)) * len(trace.after.residual)
     return Judged(
         finding, placed.effect.id, placed.port.name,
         certain=telling > TELLING and not is_structured(trace, LIKELY if trace.white else 1.0)
         and trace.after.error < CLEAN * trace.floor
         and all(distance > NEAR for _, distance in rivals),
-        elsewhere=tuple(contender.placed.port.name for contender, distance in finding.rivals
-                        if contender.id == placed.effect.id and distance < CLOSE),
-        rivals=rivals)
+        elsewhere=elsewhere, rivals=rivals)
 
 
-def _by_id(finding: Finding, winner: str) -> tuple[tuple[str, float], ...]:
-    """Rivals of another name, each once, nearest first."""
+def _alike(trace: Trace, winner: str, ports: tuple[str, ...]) -> list[str]:
+    """List other effects that would look the same at these ports in this recording."""
+    candidate = trace.after.candidate
+    reach = spans(candidate, trace.fitted)
+    return [effect.id for effect, port in places(candidate.plant, ())
+            if port.name in ports and effect.passes_for is not None
+            and effect.passes_for(reach[port]) == winner]
+
+
+def _by_id(finding: Finding, winner: str) -> dict[str, float]:
+    """Distances of rivals of another name."""
     nearest: dict[str, float] = {}
     for contender, distance in finding.rivals:
         if contender.id != winner:
             nearest.setdefault(contender.id, distance)
-    return tuple(sorted(nearest.items(), key=lambda item: item[1]))
+    return nearest
+
+
+def _nearest_first(rivals: dict[str, float]) -> tuple[tuple[str, float], ...]:
+    """Order rivals by their distance."""
+    return tuple(sorted(rivals.items(), key=lambda rival: rival[1]))

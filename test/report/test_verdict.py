@@ -4,10 +4,14 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from scipy.signal import lfilter
-from trace_by_hand import trace
+from trace_by_hand import candidate, trace
 
+from hydro_twin.fitting.candidate import Part
+from hydro_twin.plants import plant_named
 from hydro_twin.report.summary import remainder_sentence
+from hydro_twin.residual.chain import Finding
 from hydro_twin.residual.noise import noise_floor
+from hydro_twin.residual.select import search
 from hydro_twin.residual.verdict import judge
 
 
@@ -50,6 +54,23 @@ def test_a_law_is_not_certain_where_memory_is_left_that_the_ports_foretell(rubbi
                                      (False, (0.1, 1.0), True), (False, (0.001, 0.2), True)):
         found = judge(replace(alone, white=white, foretold=foretold)).judged
         assert all(one.certain == certain for one in found), (white, foretold)
+
+
+@pytest.mark.parametrize(('travel', 'others'), [(0.0, ['ripple']), (0.05, ['ripple']), (0.3, [])])
+def test_a_constant_torque_may_be_a_ripple_where_the_motor_hardly_turns(travel, others):
+    plant = plant_named('load_simulator')
+    truth = candidate('load_simulator', [('bias', 'motor', {'offset': 2.0})])
+    rng, time = np.random.default_rng(0), 0.002 * np.arange(1000)
+    inputs = np.column_stack([0.05 * np.sin(9.0 * time), 0.5 * travel * np.sin(4.0 * time)])
+    output = truth.system.run(inputs, truth.system.start(inputs[0], 0.0))
+    part = Part(inputs, output + 0.01 * rng.standard_normal(len(output)))
+    after = search(truth, [part], 3)
+    found = replace(trace('load_simulator'), plant=plant, after=after, fitted=[part],
+                    findings=(Finding(0, 1e-30, 0.999, ()),))
+    (judged,) = judge(found).judged
+    assert [name for name, _ in judged.rivals] == others
+    assert judge(found).ambiguous == ((('bias', 'ripple'),) if others else ())
+    assert not (others and judged.certain)
 
 
 @pytest.mark.parametrize('unseen', [1.5, float('nan')])
