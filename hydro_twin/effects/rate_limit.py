@@ -44,7 +44,7 @@ EFFECT = Effect(
         EffectParameter('limit', 'largest speed', 'value', 1e-12, 1e12),
         EffectParameter('imbalance', 'half the difference of the limits up and down over their '
                         'mean', '1', -0.999, 0.999, log=False, refinement=0.0),
-        EffectParameter('softness', 'of the corners, one over their power', '1', 0.0, 1.0,
+        EffectParameter('softness', 'of the corners, one over their power', '1', 0.0, 0.5,
                         log=False, refinement=0.0),
     ),
     starts=starts,
