@@ -61,10 +61,7 @@ def to_grid(signals: Mapping[str, Samples], held: Collection[str], sample_time: 
 
 def slowness(samples: Samples, sample_time: float) -> int:
     """Count the sample times [s] from one sample to the next, as it mostly is; at least one."""
-    if len(samples.stamps) < 2:
-        return 1
-    return max(1, math.ceil(float(np.median(np.diff(samples.stamps))) / (sample_time * 1e9)
-                            - SLOWER))
+    return max(1, math.ceil(_typical(np.diff(samples.stamps)) / (sample_time * 1e9) - SLOWER))
 
 
 def hold(times: IntArray, values: FloatArray, grid: IntArray) -> FloatArray:
@@ -85,7 +82,7 @@ def interpolate(times: IntArray, values: FloatArray, grid: IntArray) -> FloatArr
 def _stretches(times: IntArray, step: float, is_held: bool) -> tuple[IntArray, IntArray]:
     """Find the first and last times of the stretches without a gap."""
     pauses = np.diff(times)
-    typical = float(np.median(pauses)) if len(pauses) else 0.0
+    typical = _typical(pauses)
     period = max(typical, step)
     steady = len(pauses) >= FEWEST_STEADY and (
         np.mean(np.abs(pauses - typical) <= 0.5 * period) >= STEADY_SHARE)
@@ -97,6 +94,11 @@ def _stretches(times: IntArray, step: float, is_held: bool) -> tuple[IntArray, I
     if is_held:   # the last command of a stretch holds for a while
         end = end + (round(MAX_GAP * period) if steady else 2**62 - end)
     return begin, end
+
+
+def _typical(pauses: IntArray) -> float:
+    """Take the median of the pauses between samples, 0 where there is none."""
+    return float(np.median(pauses)) if len(pauses) else 0.0
 
 
 def _common(stretches: list[tuple[IntArray, IntArray]]) -> tuple[IntArray, IntArray]:

@@ -244,7 +244,7 @@ def _contested(chain: Chain, parts: Sequence[Part], curves: Sequence[Dependence]
     """
     ids = [chain.fit.candidate.effects[found.index].effect.id for found in chain.findings]
     if (any(curve.shows for curve in curves) or len(set(ids)) < len(ids)
-            or foretold(chain.fit, parts)[1] < LIKELY or not is_white(stretches(chain.fit))):
+            or not is_white(stretches(chain.fit)) or foretold(chain.fit, parts)[1] < LIKELY):
         return True
     return any(curve.share > ENOUGH and not is_drawn((curve.port, curve.signal), chain.fit,
                                                      at_first) for curve in at_first[:1])

@@ -78,7 +78,7 @@ def _judge(trace: Trace, finding: Finding) -> Judged:
     elsewhere = tuple(contender.placed.port.name for contender, distance in finding.rivals
                       if contender.id == placed.effect.id and distance < CLOSE)
     alike = _alike(trace, placed.effect.id, (placed.port.name, *elsewhere))
-    rivals = _nearest_first(_by_id(finding, placed.effect.id) | dict.fromkeys(alike, 0.0))
+    rivals = _by_id(finding, placed.effect.id, alike)
     telling = finding.share / (1.0 - min(finding.share, 1.0 - 1e-12)) * len(trace.after.residual)
     return Judged(
         finding, placed.effect.id, placed.port.name,
@@ -97,15 +97,10 @@ def _alike(trace: Trace, winner: str, ports: tuple[str, ...]) -> list[str]:
             and effect.passes_for(reach[port]) == winner]
 
 
-def _by_id(finding: Finding, winner: str) -> dict[str, float]:
-    """Distances of rivals of another name."""
-    nearest: dict[str, float] = {}
+def _by_id(finding: Finding, winner: str, alike: list[str]) -> tuple[tuple[str, float], ...]:
+    """Rivals of another name, each once, nearest first; those that look alike at no distance."""
+    nearest = dict.fromkeys(alike, 0.0)
     for contender, distance in finding.rivals:
         if contender.id != winner:
             nearest.setdefault(contender.id, distance)
-    return nearest
-
-
-def _nearest_first(rivals: dict[str, float]) -> tuple[tuple[str, float], ...]:
-    """Order rivals by their distance."""
-    return tuple(sorted(rivals.items(), key=lambda rival: rival[1]))
+    return tuple(sorted(nearest.items(), key=lambda item: item[1]))
