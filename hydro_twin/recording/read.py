@@ -34,7 +34,7 @@ def read_recording(paths: Sequence[Path], signals: Mapping[str, SignalMap], held
         sample_time *= max(slowness(read_signals(Path(path), pace)[paced_by], sample_time)
                            for path in paths)
     series = []
-    for path in paths:   # one after the other: the samples of all would take twice the room of the grid
+    for path in paths:   # each is let go before the next: samples take more room than the grid
         found = to_grid(read_signals(Path(path), signals, optional), held, sample_time, str(path))
         if not found:
             raise BagError(f'{path} holds no {MIN_SAMPLES} samples in a row, {sample_time:g} s '

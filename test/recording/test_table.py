@@ -1,4 +1,5 @@
 import gzip
+from itertools import pairwise
 import logging
 
 from hypothesis import given, settings
@@ -176,7 +177,7 @@ def test_unsteady_times_are_the_stamps(tmp_path_factory, seed, rate, jitter, len
     assert [len(s) for s in series] == [length] * runs
     for one, there in zip(series, times, strict=True):
         np.testing.assert_allclose(one.stamps - one.stamps[0], (there - there[0]) * 1e9, atol=2)
-    for before, after in zip(series[:-1], series[1:], strict=True):
+    for before, after in pairwise(series):
         assert after.stamps[0] - before.stamps[-1] > MAX_GAP * 1e9 / rate * (1 - jitter)
     assert np.concatenate([s['command'] for s in series]).tolist() == list(range(len(rows)))
 
@@ -263,12 +264,12 @@ signals:
     (series,) = read_table(tmp_path / 'a.csv', table_map(tmp_path, text))
     assert series['command'].tolist() == list(range(20))
     np.testing.assert_allclose(series['x'], 0.01 * np.arange(20), rtol=1e-14)
-    with pytest.raises(BagError, match='column Valve .V. .* in row 22: the cell is empty'):
+    with pytest.raises(BagError, match=r'column Valve .V. .* in row 22: the cell is empty'):
         read_table(tmp_path / 'a.csv', table_map(tmp_path, text.replace('21', '24')))
     with pytest.raises(BagError, match='has no row 40'):
         read_table(tmp_path / 'a.csv', table_map(tmp_path, text.replace('[2, 21]', '[40, 50]')))
     crop = text.replace('rows: [2, 21]', 'rows: [2, 21]\ntime_range: [7, 8]')
-    with pytest.raises(BagError, match='no rows between 7 and 8 s; its times are 0 to 1.9 s'):
+    with pytest.raises(BagError, match=r'no rows between 7 and 8 s; its times are 0 to 1.9 s'):
         read_table(tmp_path / 'a.csv', table_map(tmp_path, crop))
 
 
