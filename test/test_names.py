@@ -11,8 +11,8 @@ SOURCES = sorted(path for folder in OWN for path in (ROOT / folder).rglob('*.py'
 PAGES = sorted([*ROOT.glob('*.md'), *(path for folder in OWN for kind in ('*.md', '*.yaml')
                                       for path in (ROOT / folder).rglob(kind))])
 # A file of the project ends in .py or .md, or lies in one of its folders.
-FILE = re.compile(r'(?<![\w/.*-])(?:[\w*./-]+\.(?:py|md)'
-                  rf'|(?:{"|".join(OWN)})/[\w*./-]*[\w*/])(?![\w*/])')
+FILE = re.compile(r'(?<![\w/.*-])(?:[\w*$./-]+\.(?:py|md)'
+                  rf'|(?:{"|".join(OWN)})/[\w*$./-]*[\w*/])(?![\w*/])')
 MODULE = re.compile(r'\bhydro_twin(?:\.[a-z]\w*)+\b')
 LINK = re.compile(r'\]\(([^)#:]+)(?:#[^)]*)?\)')
 EXAMPLES = {   # what docs/adding.md shows how to add
@@ -34,7 +34,7 @@ def prose(path):
 
 def is_there(name, path):
     """Look for a file as a reader would: from the root, in the package, beside the text."""
-    pattern = re.sub(r'\b[A-Z]+\b(?!\.md)', '*', name).removeprefix('./')   # config/PLANT.yaml
+    pattern = re.sub(r'\b[A-Z]+\b(?!\.md)|\$\w+', '*', name).removeprefix('./')   # PLANT.yaml
     if any(True for folder in (ROOT, ROOT / 'hydro_twin', path.parent)
            for _ in folder.glob(pattern)):
         return True

@@ -1,6 +1,8 @@
 import gzip
 from itertools import pairwise
 import logging
+from pathlib import Path
+import re
 
 from hypothesis import given, settings
 from hypothesis import strategies as st
@@ -292,3 +294,17 @@ def test_a_unit_of_something_else(tmp_path, given, unit, says):
     read = table_map(tmp_path, f'plant: x\ntime: t\nsignals: {{u: {{column: u, unit: {given}}}}}')
     with pytest.raises(UserError, match=says):
         units_in_bag(read, {'u': unit}, 'map.yaml')
+
+
+def test_the_map_that_the_documentation_shows(tmp_path):
+    page = (Path(__file__).parents[2] / 'docs' / 'recording.md').read_text(encoding='utf-8')
+    (text,) = re.findall(r'```yaml\n(plant.*?)```', page, re.DOTALL)
+    read = table_map(tmp_path, text)
+    rows = [(1000 * k, 1 + k // 40, 2.02, 3.0, k) for k in range(100)]
+    (tmp_path / 'a.csv').write_text('Time [ms],run,Valve (V),gain,sensor\n' + ''.join(
+        ','.join(map(str, row)) + '\n' for row in rows))
+    first, second, third = read_table(tmp_path / 'a.csv', read)
+    assert [len(s) for s in (first, second, third)] == [27, 40, 1]   # of 13 to 80 s
+    assert first['command'] == pytest.approx(2.0)
+    np.testing.assert_allclose(second['x'], 20 * 3e-3 * np.arange(40, 80), rtol=1e-14)
+    assert units_in_bag(read, {'command': '1', 'x': 'm'}, '') == {'command': 'V', 'x': 'm'}
