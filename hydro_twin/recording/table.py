@@ -23,6 +23,7 @@ log = logging.getLogger(__name__)
 
 START = 1_000_000_000   # stamp of the first sample [ns]: in ROS a stamp of zero means none
 PAUSE = 10_000_000_000   # between two runs [ns], or twice what would still be bridged if longer
+LONGEST = 2e9   # [s]: a stamp holds seconds in 32 bits
 EVEN = 0.01   # of a period: a time column is off the line by rounding only, not by jitter
 SUFFIXES = ('.csv', '.csv.gz', '.mat')
 
@@ -65,7 +66,7 @@ def read_table(path: Path, table_map: TableMap, after: int | None = None) -> lis
     table, rows = {name: column[inside] for name, column in table.items()}, rows[inside]
     _check_finite(path, table, rows)
 
-    time = _nanoseconds(table_map, table, rows)
+    time = _nanoseconds(path, table_map, table, rows)
     new_run = np.diff(time) < 0
     if table_map.series:
         new_run |= np.diff(table[table_map.series]) != 0
@@ -80,19 +81,22 @@ def read_table(path: Path, table_map: TableMap, after: int | None = None) -> lis
 def _counted(table_map: TableMap, rows: IntArray) -> FloatArray:
     """Return the times of rows that come at a rate [s]; the first of the table is at zero."""
     assert table_map.sample_time is not None   # a map has either
-    return (rows - 1) * table_map.sample_time
+    return np.asarray((rows - 1) * table_map.sample_time, np.float64)
 
 
-def _nanoseconds(table_map: TableMap, table: Mapping[str, FloatArray], rows: IntArray) -> IntArray:
+def _nanoseconds(path: Path, table_map: TableMap, table: Mapping[str, FloatArray], rows: IntArray,
+                 ) -> IntArray:
     """Return the times since the first row [ns].
 
     The first is taken off before the unit is applied: nanoseconds since 1970 leave no digits.
     """
-    if table_map.time is None:
-        seconds = _counted(table_map, rows)
-        return np.rint((seconds - seconds[0]) * 1e9).astype(np.int64)
-    time = table_map.time.product(table)
-    return np.rint((time - time[0]) * (table_map.time.factor * 1e9)).astype(np.int64)
+    time, factor = ((_counted(table_map, rows), 1.0) if table_map.time is None else
+                    (table_map.time.product(table), table_map.time.factor))
+    seconds = (time - time[0]) * factor
+    if (longest := float(np.ptp(seconds))) > LONGEST:
+        raise BagError(f'{path}: the times span {longest:.3g} s, more than stamps can: is the '
+                       'unit of the time column right?')
+    return np.asarray(np.rint((time - time[0]) * (factor * 1e9)), np.int64)
 
 
 def _check_finite(path: Path, table: Mapping[str, FloatArray], rows: IntArray) -> None:

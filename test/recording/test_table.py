@@ -211,6 +211,13 @@ def test_nanoseconds_as_a_recorder_writes_them(tmp_path):
     np.testing.assert_allclose(series.stamps - START, times - first, atol=256)   # of a double
 
 
+def test_times_that_no_stamp_holds(tmp_path):
+    rows = [(1_763_802_000 * 10**9 + 2_000_000 * k, 0, 0) for k in range(2000)]
+    assert len(plain(tmp_path, rows, unit='ns')) == 1
+    with pytest.raises(BagError, match=r'span 4e.09 s.*is the unit of the time column right'):
+        plain(tmp_path, rows, unit='s')
+
+
 def test_a_row_that_repeats_the_time_is_left_out_and_named(tmp_path, caplog):
     rows = [(0.01 * (k - (k > 7)), k, k) for k in range(30)]
     with caplog.at_level(logging.WARNING):
