@@ -47,7 +47,7 @@ setup(
         'numpy>=1.26',
         'PyYAML>=6',
         'rich>=13',
-        'rosbags>=0.11.9',
+        'rosbags>=0.11.9,<0.12',   # its files and its decompression are not for others: bag.py
         'safetensors>=0.4',
         'scipy>=1.11',
     ],

@@ -1,5 +1,6 @@
 """Tests of the package's own description: manifests that agree, names that harm nobody."""
 import ast
+import importlib
 from importlib.metadata import distribution, requires, version
 import os
 from pathlib import Path
@@ -106,3 +107,19 @@ def test_an_executable_is_its_verb():
 def test_what_comes_along_is_found():
     assert share_folder() == ROOT
     assert (share_folder() / 'config').is_dir()
+
+
+def test_a_library_is_bounded_where_its_inside_is_used():
+    """`rosbags` opens what its packages list in __all__; the rest may change with any version."""
+    inside = set()
+    for path in (ROOT / 'hydro_twin').rglob('*.py'):
+        for node in ast.walk(ast.parse(path.read_text(encoding='utf-8'))):
+            if isinstance(node, ast.ImportFrom) and (node.module or '').startswith('rosbags'):
+                public = getattr(importlib.import_module(node.module), '__all__', ())
+                inside |= {f'{node.module}.{name.name}' for name in node.names
+                           if name.name not in public}
+    assert inside == {'rosbags.rosbag2.storage_mcap.decompress',
+                      'rosbags.typesys.store.Typestore'}   # the latter as a type only
+    (spec,) = re.findall(r"'rosbags([^']*)'", (ROOT / 'setup.py').read_text(encoding='utf-8'))
+    assert re.fullmatch(r'>=[\d.]+,<0\.12', spec)
+    assert distribution('rosbags').version.startswith('0.11.')

@@ -1,22 +1,27 @@
-"""`hydro-twin import TABLE -o BAG --map FILE`: makes a bag of a CSV or MAT table."""
+"""`hydro-twin import TABLE... -o BAG --map FILE`: makes a bag of CSV or MAT tables."""
 from __future__ import annotations
 
 import argparse
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any, TYPE_CHECKING
 
 if TYPE_CHECKING:
     from rich.console import Console
 
+    from hydro_twin.recording.series import StampedSeries
+
+EVEN = 0.01   # of a period: a spread of the periods that is not worth a line
+
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the arguments of the verb."""
-    parser.add_argument('table', type=Path, metavar='TABLE',
-                        help='a .csv, .csv.gz or .mat file')
+    parser.add_argument('tables', nargs='+', type=Path, metavar='TABLE',
+                        help='a .csv, .csv.gz or .mat file; of several, each is a series or more')
     parser.add_argument('-o', '--output', type=Path, required=True, metavar='BAG',
                         help='the bag to make: a folder, or a single .mcap or .db3 file')
     parser.add_argument('--map', type=Path, required=True, metavar='FILE',
-                        help="what the table's columns are, and in what units; "
+                        help='what the columns are, in what units, and which rows to take; '
                              'config/measured holds examples')
 
 
@@ -24,18 +29,21 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
     """Make the bag.
 
     Returns:
-        The bag's path, plant, number of series and samples, their rate [Hz], and the least and
-        the greatest value of each signal.
+        The bag's path, plant, number of tables, series and samples; the typical rate [Hz] and
+        the periods of the samples [s]; unit, least and greatest value of each signal.
 
     Raises:
-        UserError: the table or the map file is wrong, or the bag exists already.
+        UserError: a table or the map file is wrong, or the bag exists already.
     """
+    import numpy as np
+
     from hydro_twin.commands.common import progress
     from hydro_twin.errors import UserError
     from hydro_twin.plants import plant_named
     from hydro_twin.recording.digest import source_of
     from hydro_twin.recording.signals import load_signals
-    from hydro_twin.recording.table import load_map, read_table
+    from hydro_twin.recording.table import read_table
+    from hydro_twin.recording.table_map import load_map, units_in_bag
     from hydro_twin.recording.write import write_recording
 
     table_map = load_map(args.map)
@@ -44,28 +52,69 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
     if table_map.signals.keys() != signals.keys():
         raise UserError(f'{args.map}: the signals of {plant.name} are {", ".join(signals)}, '
                         f'not {", ".join(table_map.signals)}')
-    series = read_table(args.table, table_map)
-    source = source_of(args.table)
-    about = {'table': args.table.name, 'sha256': source.sha256, 'origin': table_map.origin}
+    units = units_in_bag(table_map, {s.name: s.unit for s in plant.signals}, str(args.map))
+    series: list[StampedSeries] = []
+    with progress('reading', len(args.tables)) as advance:
+        for table in args.tables:
+            series += read_table(table, table_map, int(series[-1].stamps[-1]) if series else None)
+            advance()
+    _check_readable(series)
+    about = {'table': ', '.join(table.name for table in args.tables),
+             'sha256': ', '.join(source_of(table).sha256 for table in args.tables),
+             'origin': table_map.origin}
     with progress('writing'):
         write_recording(args.output, series, signals, about)
+    periods = np.concatenate([np.diff(s.stamps) for s in series]) * 1e-9
+    low, typical, high = np.percentile(periods, [5, 50, 95])
     return {
         'bag': str(args.output),
         'plant': plant.name,
+        'tables': len(args.tables),
         'series': len(series),
         'samples': sum(map(len, series)),
-        'rate': 1.0 / series[0].sample_time,
-        'signals': {signal.name: {
-            'unit': signal.unit,
-            'min': min(s[signal.name].min() for s in series),
-            'max': max(s[signal.name].max() for s in series)} for signal in plant.signals},
+        'rate': round(1.0 / typical, 9),
+        'periods': {'p5': low, 'median': typical, 'p95': high, 'longest': periods.max()},
+        'signals': {name: {
+            'unit': unit,
+            'min': min(s[name].min() for s in series),
+            'max': max(s[name].max() for s in series)} for name, unit in units.items()},
     }
+
+
+def _check_readable(series: Sequence[StampedSeries]) -> None:
+    """Refuse what would not be read from the bag as it is written.
+
+    The reader cuts where a pause is long for the whole bag, so that the samples of a slow table
+    among fast ones would all stand by themselves.
+
+    Raises:
+        BagError: no series has enough samples, or the rates of the tables differ too much.
+    """
+    import numpy as np
+
+    from hydro_twin.errors import BagError
+    from hydro_twin.recording.grid import MAX_GAP, MIN_SAMPLES
+
+    if max(map(len, series)) < MIN_SAMPLES:
+        raise BagError(f'{series[0].source}: no {MIN_SAMPLES} rows follow each other in time '
+                       'without a gap')
+    steps = [np.diff(s.stamps) for s in series]
+    limit = MAX_GAP * np.median(np.concatenate(steps))
+    for one, pauses in zip(series, steps, strict=True):
+        if len(pauses) and np.median(pauses) > limit:
+            raise BagError(f'{one.source} has a sample every {np.median(pauses) * 1e-9:.4g} s, '
+                           'where most come so much faster that these would count as gaps: '
+                           'import it to a bag of its own')
 
 
 def show(result: dict[str, Any], console: Console) -> None:
     """Print what the bag holds."""
+    periods = result['periods']
     console.print(f'{result["bag"]}: {result["plant"]}, {result["samples"]} samples in '
                   f'{result["series"]} series, {result["rate"]:.6g} Hz', highlight=False)
+    if periods['p95'] - periods['p5'] > EVEN * periods['median']:
+        console.print(f'  unevenly: nine periods of ten are {1e3 * periods["p5"]:.4g} to '
+                      f'{1e3 * periods["p95"]:.4g} ms', highlight=False)
     for name, signal in result['signals'].items():
         console.print(f'  {name}: {signal["min"]:.6g} to {signal["max"]:.6g} {signal["unit"]}',
                       highlight=False, markup=False)

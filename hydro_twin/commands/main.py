@@ -34,7 +34,7 @@ VERBS = {   # verb -> its module, what it does
     'refit': ('refit', 'fit a model to recorded bags'),
     'trace': ('trace', 'find the physical effect that a model lacks, add it, show the gain'),
     'simulate': ('simulate', 'make a recording from the physics'),
-    'import': ('import_', 'make a bag of a CSV or MAT table'),
+    'import': ('import_', 'make a bag of CSV or MAT tables'),
     'compare': ('compare', 'compare predictors and methods over repeated runs'),
 }
 ROS = "source ROS 2 Jazzy, or install 'hydro_twin[ros]'"

@@ -195,11 +195,10 @@ def check_device(name: str) -> None:
         raise ModuleNotFoundError("No module named 'torch'", name='torch')
     if name == 'cpu':
         return                              # without the seconds that importing torch takes
-    import torch
-    try:
-        torch.zeros(1, device=name)
-    except (RuntimeError, AssertionError) as error:
-        raise UserError(f'device {name!r}: torch cannot use it here; try cpu') from error
+    from hydro_twin.fitting.rprop import computes_on
+
+    if not computes_on(name):
+        raise UserError(f'device {name!r}: torch cannot use it here; try cpu')
 
 
 _problem: Problem | None = None     # of a worker process

@@ -14,6 +14,15 @@ GROW, SHRINK = 1.2, 0.5                     # Riedmiller and Braun 1993
 FIRST, LEAST, LARGEST = 0.01, 1e-6, 50.0    # step of a weight
 
 
+def computes_on(device: str) -> bool:
+    """Try whether torch can compute on a device, 'cpu' or such as 'cuda'."""
+    try:
+        torch.zeros(1, device=device)
+    except (RuntimeError, AssertionError):
+        return False
+    return True
+
+
 def layers(weights: Tensor, sizes: Sequence[int]) -> list[tuple[Tensor, Tensor]]:
     """View flat weights, shape (B, P), as matrices (B, in, out) and biases (B, 1, out)."""
     views, begin = [], 0

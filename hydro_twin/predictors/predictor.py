@@ -4,6 +4,7 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Protocol
 
+from hydro_twin.errors import ModelError
 from hydro_twin.model import Model, read_model
 from hydro_twin.plants import Plant
 from hydro_twin.plants.plant import FloatArray
@@ -75,6 +76,10 @@ def load(path: Path) -> Predictor:
     """Read a model file and make its predictor.
 
     Raises:
-        ModelError: the file or its weights cannot be used; one line says why.
+        ModelError: the file or its weights are missing or cannot be used; one line says why.
     """
-    return make_predictor(read_model(path), path.parent)
+    model = read_model(path)
+    if model.network and not (path.parent / model.network).is_file():
+        raise ModelError(f'{path}: its weights file {model.network} is missing: copy it to the '
+                         f'folder of the model, {path.parent}')
+    return make_predictor(model, path.parent)

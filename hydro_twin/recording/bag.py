@@ -129,11 +129,7 @@ def _damage(path: Path, error: Exception) -> str:
     for file in files:
         if file.suffix != '.mcap' or file.stat().st_size < 2 * mcap.MAGIC:
             continue
-        with file.open('rb') as bytes_:
-            head = bytes_.read(mcap.MAGIC)
-            bytes_.seek(-mcap.MAGIC, 2)
-            whole = bytes_.read() == head
-        if head[1:5] == b'MCAP' and not whole:
+        if mcap.is_mcap(file) and not mcap.is_whole(file):
             count, seconds = mcap.readable(file)
             return (f'{file} is cut short (was its recorder killed?): {count} messages over '
                     f"{seconds:.1f} s can still be read; 'mcap recover {file}' saves them")
@@ -193,11 +189,9 @@ def _batches(reader: Any, held: Mapping[str, Any]) -> Iterator[tuple[str, Batch]
     """Yield the messages of the topics, file after file, in the order in which they were written.
 
     rosbags opens the bag and knows its files; it sorts messages by receive time, which would hide
-    a clock that jumped, and it makes an object of each, so the files are read here.
+    a clock that jumped, and it makes an object of each, so the files are read here. It does not
+    offer its files to others (`readers[0].storage`): hence the bound on its version in setup.py.
     """
-    from rosbags.rosbag2.storage_mcap import McapReader
-    from rosbags.rosbag2.storage_sqlite3 import Sqlite3Reader
-
     storage = reader.readers[0].storage
     if reader.readers[0].compression_mode == 'message':
         for lot in batched(reader.messages([c for cs in held.values() for c in cs]), LOT):
@@ -206,10 +200,8 @@ def _batches(reader: Any, held: Mapping[str, Any]) -> Iterator[tuple[str, Batch]
         return
     for file in getattr(storage, 'storages', [storage]):
         ids = {c.id: c.topic for c in file.connections if c.topic in held}
-        if isinstance(file, McapReader):
-            yield from mcap.batches(Path(str(file.path)), ids)
-        elif isinstance(file, Sqlite3Reader):
-            yield from _sqlite_batches(Path(str(file.path)), ids)
+        path = Path(str(file.path))
+        yield from (mcap.batches if mcap.is_mcap(path) else _sqlite_batches)(path, ids)
 
 
 def _sqlite_batches(path: Path, topics: Mapping[int, str]) -> Iterator[tuple[str, Batch]]:

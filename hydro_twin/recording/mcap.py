@@ -29,6 +29,20 @@ class CutError(Exception):
     """The file ends, or makes no sense, from some place on."""
 
 
+def is_mcap(path: Path) -> bool:
+    """Whether a file begins as an mcap file does."""
+    with path.open('rb') as file:
+        return file.read(MAGIC)[1:5] == b'MCAP'
+
+
+def is_whole(path: Path) -> bool:
+    """Whether an mcap file ends with what it begins with, as its writer leaves it."""
+    with path.open('rb') as file:
+        head = file.read(MAGIC)
+        file.seek(-MAGIC, 2)
+        return file.read() == head
+
+
 def batches(path: Path, topics: Mapping[int, str]) -> Iterator[tuple[str, Batch]]:
     """Yield the messages of some topics, batch by batch, in the order of the file.
 

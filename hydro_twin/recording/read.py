@@ -29,12 +29,13 @@ def read_recording(paths: Sequence[Path], signals: Mapping[str, SignalMap], held
     Raises:
         BagError: a bag cannot be read, or lacks a signal, or holds no stretch with all of them.
     """
-    samples = [read_signals(Path(path), signals, optional) for path in paths]
     if paced_by is not None:
-        sample_time *= max(slowness(found[paced_by], sample_time) for found in samples)
+        pace = {paced_by: signals[paced_by]}
+        sample_time *= max(slowness(read_signals(Path(path), pace)[paced_by], sample_time)
+                           for path in paths)
     series = []
-    for path, there in zip(paths, samples, strict=True):
-        found = to_grid(there, held, sample_time, str(path))
+    for path in paths:   # each is let go before the next: samples take more room than the grid
+        found = to_grid(read_signals(Path(path), signals, optional), held, sample_time, str(path))
         if not found:
             raise BagError(f'{path} holds no {MIN_SAMPLES} samples in a row, {sample_time:g} s '
                            f'apart, with all of {", ".join(signals)}')

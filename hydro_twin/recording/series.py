@@ -8,6 +8,7 @@ import numpy as np
 import numpy.typing as npt
 
 FloatArray = npt.NDArray[np.float64]
+IntArray = npt.NDArray[np.int64]
 
 
 @dataclass(frozen=True)
@@ -34,6 +35,12 @@ class Series:
         """Return the samples of one signal."""
         return self.columns[signal]
 
+    @property
+    def stamps(self) -> IntArray:
+        """Stamps of all samples [ns]."""
+        steps = np.arange(len(self)) * (self.sample_time * 1e9)
+        return np.asarray(self.start + np.rint(steps).astype(np.int64))
+
     def part(self, begin: int, end: int) -> Series:
         """Cut out the samples begin <= k < end, as a series of its own."""
         return replace(
@@ -41,6 +48,29 @@ class Series:
             columns={name: column[begin:end] for name, column in self.columns.items()},
             start=self.start + round(begin * self.sample_time * 1e9),
         )
+
+
+@dataclass(frozen=True)
+class StampedSeries:
+    """One uninterrupted stretch of samples at times of their own, as a table has them.
+
+    Attributes:
+        columns: signal name -> samples, all of one length, in the units of the plant.
+        stamps: of the samples, strictly increasing [ns].
+        source: the table that it comes from.
+    """
+
+    columns: Mapping[str, FloatArray]
+    stamps: IntArray
+    source: str = ''
+
+    def __len__(self) -> int:
+        """Count the samples."""
+        return len(self.stamps)
+
+    def __getitem__(self, signal: str) -> FloatArray:
+        """Return the samples of one signal."""
+        return self.columns[signal]
 
 
 @dataclass(frozen=True)

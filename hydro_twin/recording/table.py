@@ -1,219 +1,249 @@
-"""Turns tables (CSV, MAT) into series, by a map file that names their columns and units."""
+"""Reads tables (CSV, MAT) as series with the stamps of their time column, or of a sample rate."""
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
 import csv
-from dataclasses import dataclass
 import gzip
-from itertools import pairwise
+from itertools import islice, pairwise
+import logging
 import math
 from pathlib import Path
-from typing import Any
-import warnings
+from typing import TextIO
 
 import numpy as np
 
-from hydro_twin.errors import BagError, UserError
-from hydro_twin.recording.series import FloatArray, Series
-from hydro_twin.recording.signals import load_yaml, number
+from hydro_twin.errors import BagError
+from hydro_twin.recording.cdr import IntArray
+from hydro_twin.recording.grid import MAX_GAP
+from hydro_twin.recording.series import FloatArray, StampedSeries
+from hydro_twin.recording.table_map import TableMap
 
-UNITS = {   # unit of a column -> how much of the SI unit it is
-    '1': 1.0, '%': 1e-2, 'percent': 1e-2,
-    's': 1.0, 'ms': 1e-3, 'us': 1e-6, 'ns': 1e-9,
-    'm': 1.0, 'cm': 1e-2, 'mm': 1e-3, 'um': 1e-6, 'm/s': 1.0, 'mm/s': 1e-3,
-    'rad': 1.0, 'deg': math.pi / 180.0, 'rad/s': 1.0, 'deg/s': math.pi / 180.0,
-    'rpm': math.pi / 30.0,
-    'N': 1.0, 'kN': 1e3, 'N m': 1.0, 'kN m': 1e3,
-    'Pa': 1.0, 'kPa': 1e3, 'MPa': 1e6, 'bar': 1e5,
-    'V': 1.0, 'mV': 1e-3, 'A': 1.0, 'mA': 1e-3,
-}
+log = logging.getLogger(__name__)
+
 START = 1_000_000_000   # stamp of the first sample [ns]: in ROS a stamp of zero means none
-PAUSE = 10_000_000_000   # between two series [ns]
+PAUSE = 10_000_000_000   # between two runs [ns], or twice what would still be bridged if longer
+LONGEST = 2e9   # [s]: a stamp holds seconds in 32 bits
+EVEN = 0.01   # of a period: a time column is off the line by rounding only, not by jitter
 SUFFIXES = ('.csv', '.csv.gz', '.mat')
 
 
-@dataclass(frozen=True)
-class Column:
-    """A signal in a table: scale * (product of the columns) + offset, after the unit."""
+def read_table(path: Path, table_map: TableMap, after: int | None = None) -> list[StampedSeries]:
+    """Read a table as series, with the times of its rows as stamps.
 
-    columns: tuple[str, ...]
-    scale: float = 1.0
-    offset: float = 0.0
+    A new series begins where the `series` column changes, where the time goes back, and after a
+    pause of more than MAX_GAP times the typical period. Of rows with the same time the first
+    counts. Times that are even but for rounding (of the column, or of seconds since 1970 in
+    floating point) are put on their line.
 
-    def take(self, table: Mapping[str, FloatArray]) -> FloatArray:
-        """Compute the signal."""
-        value = table[self.columns[0]]
-        for name in self.columns[1:]:
-            value = value * table[name]
-        return np.asarray(self.scale * value + self.offset)
-
-
-@dataclass(frozen=True)
-class TableMap:
-    """How to read a table.
-
-    Attributes:
-        plant: whose signals these are.
-        signals: name -> where it is in the table.
-        time: the column with the time [s], or
-        sample_time: the distance of the rows [s].
-        series: a column that changes where a new series begins.
-        origin: where the data comes from; the bag will say so.
-    """
-
-    plant: str
-    signals: Mapping[str, Column]
-    time: Column | None = None
-    sample_time: float | None = None
-    series: str | None = None
-    origin: str = ''
-
-
-def load_map(path: Path) -> TableMap:
-    """Load a map file; config/measured holds examples.
-
-    Raises:
-        UserError: it cannot be read, or it lacks something, or something in it is unknown.
-    """
-    document = load_yaml(path)
-    if not isinstance(document, dict) or not isinstance(document.get('signals'), dict):
-        raise UserError(f"{path} is not a map file: it needs 'plant', 'signals', and 'time' or "
-                        "'sample_rate'")
-    known = ('plant', 'signals', 'time', 'sample_rate', 'series', 'origin')
-    if unknown := sorted(map(str, document.keys() - set(known))):
-        raise UserError(f'{path}: unknown {", ".join(unknown)}; a map file has '
-                        f'{", ".join(known)}')
-    if ('time' in document) == ('sample_rate' in document):
-        raise UserError(f"{path} must have either 'time', a column, or 'sample_rate' [Hz]")
-    rate = None
-    if 'sample_rate' in document:
-        rate = number(document['sample_rate'], f'{path}: sample_rate')
-        if rate <= 0.0:
-            raise UserError(f'{path}: sample_rate must be above zero')
-    signals = {str(name): _column(given, f'{path}: signal {name}')
-               for name, given in document['signals'].items()}
-    return TableMap(
-        plant=str(document.get('plant', '')), signals=signals,
-        time=_column(document['time'], f'{path}: time') if 'time' in document else None,
-        sample_time=1.0 / rate if rate else None,
-        series=str(document['series']) if 'series' in document else None,
-        origin=' '.join(str(document.get('origin', '')).split()))
-
-
-def _column(given: Any, what: str) -> Column:
-    """Read one entry: a column's name, or column or product, unit, scale, offset."""
-    if isinstance(given, str):
-        given = {'column': given}
-    if not isinstance(given, dict) or ('column' in given) == ('product' in given):
-        raise UserError(f"{what} needs either 'column', a name, or 'product', a list of names")
-    if unknown := sorted(map(str, given.keys() - {'column', 'product', 'unit', 'scale',
-                                                  'offset'})):
-        raise UserError(f'{what}: unknown {", ".join(unknown)}; there are column or product, '
-                        'unit, scale, offset')
-    names = given['product'] if 'product' in given else [given['column']]
-    if not isinstance(names, list) or not names:
-        raise UserError(f"{what}: 'product' must be a list of columns")
-    unit = str(given.get('unit', '1'))
-    if unit not in UNITS:
-        raise UserError(f'{what}: unknown unit {unit!r}; there are {", ".join(UNITS)}')
-    return Column(tuple(map(str, names)),
-                  number(given.get('scale', 1.0), f'{what}: scale') * UNITS[unit],
-                  number(given.get('offset', 0.0), f'{what}: offset'))
-
-
-def read_table(path: Path, table_map: TableMap) -> list[Series]:
-    """Read a table as series, in the rate of the table.
+    Args:
+        path: the table.
+        table_map: how to read it.
+        after: the last stamp of what comes before it in the bag [ns]; None if it is the first.
 
     Raises:
         BagError: the table cannot be read, lacks a column, or holds what is not a number.
     """
     entries = [*table_map.signals.values(), *([table_map.time] if table_map.time else [])]
     wanted = {name for entry in entries for name in entry.columns}
-    table = _load(path, wanted | ({table_map.series} if table_map.series else set()))
-    rows = max(map(len, table.values()))
-    if any(len(column) not in (1, rows) for column in table.values()):
+    table = _load(path, wanted | ({table_map.series} if table_map.series else set()),
+                  table_map.rows)
+    count = max(map(len, table.values()))
+    if any(len(column) not in (1, count) for column in table.values()):
         lengths = ', '.join(f'{name} {len(column)}' for name, column in table.items())
         raise BagError(f'{path}: columns of different lengths: {lengths}')
+    table = {name: np.broadcast_to(column, count) for name, column in table.items()}
+    rows = np.arange(count) + table_map.rows[0]
+
+    if table_map.time is not None:
+        _check_finite(path, {name: table[name] for name in table_map.time.columns}, rows)
+    seconds = table_map.time.take(table) if table_map.time else _counted(table_map, rows)
+    begin, end = table_map.time_range
+    inside = (seconds >= begin) & (seconds <= end)
+    if not inside.any():
+        raise BagError(f'{path} has no rows between {begin:g} and {end:g} s; its times are '
+                       f'{seconds.min():.9g} to {seconds.max():.9g} s')
+    table, rows = {name: column[inside] for name, column in table.items()}, rows[inside]
+    _check_finite(path, table, rows)
+
+    time = _nanoseconds(path, table_map, table, rows)
+    new_run = np.diff(time) < 0
+    if table_map.series:
+        new_run |= np.diff(table[table_map.series]) != 0
+    kept = np.concatenate([[True], (np.diff(time) != 0) | new_run])
+    if not kept.all():
+        _report_repeated(path, rows[~kept], len(rows))
+    table = {name: column[kept] for name, column in table.items()}
+    columns = {name: entry.take(table) for name, entry in table_map.signals.items()}
+    return _cut(columns, time[kept], new_run[kept[1:]], after, str(path))
+
+
+def _counted(table_map: TableMap, rows: IntArray) -> FloatArray:
+    """Return the times of rows that come at a rate [s]; the first of the table is at zero."""
+    assert table_map.sample_time is not None   # a map has either
+    return np.asarray((rows - 1) * table_map.sample_time, np.float64)
+
+
+def _nanoseconds(path: Path, table_map: TableMap, table: Mapping[str, FloatArray], rows: IntArray,
+                 ) -> IntArray:
+    """Return the times since the first row [ns].
+
+    The first is taken off before the unit is applied: nanoseconds since 1970 leave no digits.
+    """
+    time, factor = ((_counted(table_map, rows), 1.0) if table_map.time is None else
+                    (table_map.time.product(table), table_map.time.factor))
+    seconds = (time - time[0]) * factor
+    if (longest := float(np.ptp(seconds))) > LONGEST:
+        raise BagError(f'{path}: the times span {longest:.3g} s, more than stamps can: is the '
+                       'unit of the time column right?')
+    return np.asarray(np.rint((time - time[0]) * (factor * 1e9)), np.int64)
+
+
+def _check_finite(path: Path, table: Mapping[str, FloatArray], rows: IntArray) -> None:
+    """Refuse what is not a number."""
     for name, column in table.items():
         if not np.isfinite(column).all():
             raise BagError(f'{path}: column {name} is not a finite number in row '
-                           f'{np.argmin(np.isfinite(column)) + 1}')
-    cuts = [0, rows]
-    if table_map.series:
-        cuts[1:1] = (np.flatnonzero(np.diff(table[table_map.series])) + 1).tolist()
-    time = (table_map.time.take(table) if table_map.time
-            else np.arange(rows, dtype=np.float64) * (table_map.sample_time or 1.0))
-    series: list[Series] = []
-    for begin, end in pairwise(cuts):
-        columns = {name: np.broadcast_to(entry.take(table), rows)[begin:end]
-                   for name, entry in table_map.signals.items()}
-        start = START if not series else series[-1].part(len(series[-1]), 0).start + PAUSE
-        series += _stretches(path, time[begin:end], columns, start, begin)
+                           f'{rows[np.argmin(np.isfinite(column))]}')
+
+
+def _report_repeated(path: Path, repeated: IntArray, count: int) -> None:
+    """Warn of rows with the time of the row before; refuse where that is no exception."""
+    if 2 * len(repeated) >= count:
+        raise BagError(f'{path}: {len(repeated)} of {count} rows have the time of the row before, '
+                       f'the first is row {repeated[0]}: where the time column is too coarse, '
+                       "give 'sample_rate' in its place")
+    log.warning('%s: %d rows with the time of the row before are left out, the first is row %d',
+                path, len(repeated), repeated[0])
+
+
+def _cut(columns: Mapping[str, FloatArray], time: IntArray, new_run: np.ndarray,
+         after: int | None, source: str) -> list[StampedSeries]:
+    """Cut rows into series, and place the runs one after the other.
+
+    Args:
+        columns: signal -> values, shape (N,).
+        time: of the rows [ns], shape (N,), strictly increasing within a run.
+        new_run: whether a run begins with the second row, the third, ..., shape (N - 1,).
+        after: the last stamp of what comes before [ns].
+        source: what the series say that they come from.
+    """
+    steps = np.diff(time)
+    periods = steps[~new_run]
+    typical = float(np.median(periods)) if len(periods) else 0.0
+    pause = max(PAUSE, math.ceil(2 * MAX_GAP * typical))
+    cut = new_run | (steps > MAX_GAP * typical)
+    ends = [0, *(np.flatnonzero(cut) + 1).tolist(), len(time)]
+    series: list[StampedSeries] = []
+    offset = 0
+    for begin, end in pairwise(ends):
+        if begin == 0 or new_run[begin - 1]:
+            offset = (START if after is None else after + pause) - int(time[begin])
+        stamps = _evened(time[begin:end] + offset)
+        series.append(StampedSeries(
+            {name: column[begin:end] for name, column in columns.items()}, stamps, source))
+        after = int(stamps[-1])
     return series
 
 
-def _stretches(path: Path, time: FloatArray, columns: Mapping[str, FloatArray], start: int,
-               row: int) -> list[Series]:
-    """Cut rows at pauses; within a stretch they are as far apart as they typically are."""
+def _evened(stamps: IntArray) -> IntArray:
+    """Put stamps on a line over their counts, of whole ns a period, if all are within EVEN."""
+    if len(stamps) < 3:
+        return stamps
+    time = (stamps - stamps[0]).astype(np.float64)
     steps = np.diff(time)
-    if len(steps) == 0 or (steps <= 0.0).any():
-        at = row + 2 + (int(np.argmax(steps <= 0.0)) if len(steps) else 0)
-        raise BagError(f'{path}: the time does not increase at row {at}')
-    step = float(np.median(steps))
-    uneven = np.abs(steps - step) > 0.5 * step
-    ends = [0, *(np.flatnonzero(uneven) + 1).tolist(), len(time)]
-    found = []
-    for begin, end in pairwise(ends):
-        count = end - begin
-        sample_time = (time[end - 1] - time[begin]) / (count - 1) if count > 1 else step
-        found.append(Series({name: column[begin:end] for name, column in columns.items()},
-                            round(sample_time, 9),
-                            start + round((time[begin] - time[0]) * 1e9), str(path)))
-    return found
+    counts = np.concatenate([[0.0], np.cumsum(np.rint(steps / np.median(steps)))])
+    if counts[-1] == 0.0:
+        return stamps
+    period = round(np.polyfit(counts, time, 1)[0])
+    first = np.median(time - period * counts)
+    line = np.rint(first + period * counts).astype(np.int64)
+    even = np.abs(time - line).max() <= EVEN * period and (np.diff(line) > 0).all()
+    return stamps[0] + line if even else stamps
 
 
-def _load(path: Path, wanted: set[str]) -> dict[str, FloatArray]:
-    """Load the columns wanted of a table."""
+def _load(path: Path, wanted: set[str], rows: tuple[int, int | None]) -> dict[str, FloatArray]:
+    """Load some rows of the columns wanted of a table."""
     if not path.is_file():
         raise BagError(f'{path}: no such table')
     if not path.name.lower().endswith(SUFFIXES):
         raise BagError(f'{path}: a table is {", ".join(SUFFIXES)}')
-    return _load_mat(path, wanted) if path.suffix.lower() == '.mat' else _load_csv(path, wanted)
+    load = _load_mat if path.suffix.lower() == '.mat' else _load_csv
+    return load(path, wanted, rows)
 
 
-def _missing(path: Path, wanted: set[str], there: list[str]) -> None:
-    """Say which columns are not there."""
+def _check_names(path: Path, wanted: set[str], there: list[str]) -> None:
+    """Say which columns are not there, or are there twice."""
     if absent := sorted(wanted - set(there)):
         raise BagError(f'{path} has no column {", ".join(absent)}; it has {", ".join(there)}')
+    if twice := sorted(name for name in wanted if there.count(name) > 1):
+        raise BagError(f'{path} has several columns named {", ".join(twice)}: which one is meant?')
 
 
-def _load_csv(path: Path, wanted: set[str]) -> dict[str, FloatArray]:
+def _too_short(path: Path, rows: tuple[int, int | None]) -> BagError:
+    """Make the error for a table that does not reach the rows asked for."""
+    return BagError(f'{path} has no rows' if rows[0] == 1 else f'{path} has no row {rows[0]}')
+
+
+@contextmanager
+def _opened(path: Path) -> Iterator[tuple[TextIO, list[str], str]]:
+    """Open a CSV file; yield it after its line of names, the names, and what separates them."""
+    with (gzip.open(path, 'rt', encoding='utf-8-sig') if path.suffix.lower() == '.gz'
+          else path.open(encoding='utf-8-sig')) as file:
+        line = file.readline()
+        delimiter = max(',;\t', key=line.count)
+        header = csv.reader([line], delimiter=delimiter, skipinitialspace=True)
+        yield file, [name.strip() for name in next(header, [])], delimiter
+
+
+def _load_csv(path: Path, wanted: set[str], rows: tuple[int, int | None],
+              ) -> dict[str, FloatArray]:
     """Load columns of a CSV file with one line of names; between them ',', ';' or a tab."""
+    order = sorted(wanted)
     try:
-        with (gzip.open(path, 'rt', encoding='utf-8-sig') if path.suffix.lower() == '.gz'
-              else path.open(encoding='utf-8-sig')) as file:
-            line = file.readline()
-            delimiter = max(',;\t', key=line.count)
-            header = csv.reader([line], delimiter=delimiter, skipinitialspace=True)
-            names = [name.strip() for name in next(header, [])]
-            _missing(path, wanted, names)
-            order = sorted(wanted)
-            with warnings.catch_warnings(action='ignore'):   # 'no data' is said below
-                data = np.loadtxt(file, delimiter=delimiter, comments=None, quotechar='"',
-                                  ndmin=2, usecols=[names.index(name) for name in order])
-    except (OSError, EOFError, UnicodeDecodeError, ValueError) as error:
+        with _opened(path) as (file, names, delimiter):
+            _check_names(path, wanted, names)
+            lines = list(islice(filter(str.strip, file), rows[0] - 1, rows[1]))
+            there = lines[-1].count(delimiter) + 1 if lines else 0
+            if len(lines) > 1 and there < len(names) and not any(file):
+                log.warning('%s: the last row is cut short (%d of %d columns), and left out',
+                            path, there, len(names))
+                lines.pop()
+    except (OSError, EOFError, UnicodeDecodeError) as error:
         raise BagError(f'{path} cannot be read: {error}') from None
-    if len(data) == 0:
-        raise BagError(f'{path} has no rows')
+    if not lines:
+        raise _too_short(path, rows)
+    used = [names.index(name) for name in order]
+    try:
+        data = np.loadtxt(lines, delimiter=delimiter, comments=None, quotechar='"', ndmin=2,
+                          usecols=used)
+    except ValueError as error:
+        said = _bad_cell(lines, delimiter, dict(zip(used, order, strict=True)), rows[0])
+        raise BagError(f'{path}: {said or f"cannot be read: {error}"}') from None
     return {name: data[:, k].copy() for k, name in enumerate(order)}
 
 
-def _load_mat(path: Path, wanted: set[str]) -> dict[str, FloatArray]:
+def _bad_cell(lines: list[str], delimiter: str, names: Mapping[int, str], first: int) -> str:
+    """Say where the first cell is that is no number; '' if none is found."""
+    for row, cells in enumerate(csv.reader(lines, delimiter=delimiter), start=first):
+        for index, name in names.items():
+            if index >= len(cells):
+                return f'row {row} has no column {name}: it has {len(cells)} columns only'
+            try:
+                float(cells[index])
+            except ValueError:
+                said = repr(cells[index]) if cells[index].strip() else 'the cell is empty'
+                return f'column {name} is not a finite number in row {row}: {said}'
+    return ''
+
+
+def _load_mat(path: Path, wanted: set[str], rows: tuple[int, int | None],
+              ) -> dict[str, FloatArray]:
     """Load variables of a MAT file; a single number counts as a column of it."""
     from scipy.io import loadmat, whosmat
 
     try:
-        _missing(path, wanted, [name for name, _, _ in whosmat(path)])
+        _check_names(path, wanted, [name for name, _, _ in whosmat(path)])
         content = loadmat(path, variable_names=list(wanted))
         columns = {name: np.asarray(content[name], np.float64) for name in wanted}
     except NotImplementedError:
@@ -226,4 +256,7 @@ def _load_mat(path: Path, wanted: set[str]) -> dict[str, FloatArray]:
         if column.size == 0 or column.size != max(column.shape, default=1):
             shape = ' x '.join(map(str, column.shape))
             raise BagError(f'{path}: {name} is {shape}, not a column')
-    return {name: column.ravel() for name, column in columns.items()}
+    if max(column.size for column in columns.values()) < rows[0]:
+        raise _too_short(path, rows)
+    return {name: column.ravel() if column.size == 1 else column.ravel()[rows[0] - 1:rows[1]]
+            for name, column in columns.items()}

@@ -14,7 +14,7 @@ import numpy as np
 from hydro_twin.errors import BagError, DataError
 from hydro_twin.recording.bag import opened, read_signals, STAMP, STORAGES
 from hydro_twin.recording.cdr import IntArray, lay_out, Layout
-from hydro_twin.recording.series import Series
+from hydro_twin.recording.series import Series, StampedSeries
 from hydro_twin.recording.signals import NAME_FIELDS, SignalMap, split_index
 
 if TYPE_CHECKING:
@@ -25,7 +25,8 @@ Message = tuple[int, Any, bytes]   # receive time [ns], connection, content
 LOT = 4096   # messages made at once
 
 
-def write_recording(path: Path, series: Sequence[Series], signals: Mapping[str, SignalMap],
+def write_recording(path: Path, series: Sequence[Series | StampedSeries],
+                    signals: Mapping[str, SignalMap],
                     about: Mapping[str, str] | None = None) -> None:
     """Write series as a bag; signals on one topic travel in one message a sample.
 
@@ -40,9 +41,9 @@ def write_recording(path: Path, series: Sequence[Series], signals: Mapping[str, 
         DataError: a series does not begin after the end of the one before.
     """
     for before, after in pairwise(series):
-        if after.start <= _stamps(before)[-1]:
+        if after.stamps[0] <= before.stamps[-1]:
             raise DataError(f'series do not follow each other in time: one begins at '
-                            f'{after.start} ns, where the one before is still running')
+                            f'{after.stamps[0]} ns, where the one before is still running')
     with _new_bag(path) as writer:
         for key, text in (about or {}).items():
             writer.set_custom_data(key, text)
@@ -98,8 +99,8 @@ def _new_bag(path: Path) -> Iterator[Writer]:
         (bag / f'{bag.name}{path.suffix}' if single else bag).rename(path)
 
 
-def _messages(writer: Writer, series: Iterable[Series], signals: Mapping[str, SignalMap],
-              delay: int) -> Iterator[Message]:
+def _messages(writer: Writer, series: Iterable[Series | StampedSeries],
+              signals: Mapping[str, SignalMap], delay: int) -> Iterator[Message]:
     """Yield the messages of series, topic beside topic, sample after sample."""
     from rosbags.typesys import get_typestore, Stores
 
@@ -118,7 +119,7 @@ def _messages(writer: Writer, series: Iterable[Series], signals: Mapping[str, Si
         connection = writer.add_connection(topic, msgtype, typestore=store)
         makers.append((connection, _template(msgtype, members, store), members))
     for one in series:
-        stamps = _stamps(one)
+        stamps = one.stamps
         for begin in range(0, len(stamps), LOT):
             lot = stamps[begin:begin + LOT]
             rows = [_filled(layout, lot, {signal.field: signal.raw(one[name][begin:begin + LOT])
@@ -127,13 +128,6 @@ def _messages(writer: Writer, series: Iterable[Series], signals: Mapping[str, Si
             for k, stamp in enumerate(lot.tolist()):
                 for (connection, _, _), contents in zip(makers, rows, strict=True):
                     yield stamp + delay, connection, contents[k]
-
-
-def _stamps(series: Series) -> IntArray:
-    """Return the stamps of all samples [ns]."""
-    steps = np.arange(len(series)) * (series.sample_time * 1e9)
-    stamps: IntArray = series.start + np.rint(steps).astype(np.int64)
-    return stamps
 
 
 def _filled(layout: Layout, stamps: IntArray, columns: Mapping[str, Any]) -> list[bytes]:

@@ -34,7 +34,7 @@ TESTED = {
 
 
 def summarise(trace: Trace, verdict: Verdict) -> dict[str, Any]:
-    """Lay out a trace as design.md's report object; errors are RMS in the output's unit.
+    """Lay out a trace as the object of `report.json`; errors are RMS in the output's unit.
 
     The one-step errors are those of the integrated laws, before and after alike.
     """

@@ -137,3 +137,13 @@ def test_refuses_weights_of_another_plant_or_none(tmp_path: Path) -> None:
     write_model(model('mlp'), tmp_path / 'model.yaml')
     with pytest.raises(ModelError, match='must name its network'):
         load(tmp_path / 'model.yaml')
+
+
+def test_names_weights_that_were_left_behind(tmp_path: Path) -> None:
+    (tmp_path / 'copied').mkdir()
+    copy = tmp_path / 'copied' / 'model.yaml'
+    write_model(model('mlp', network='net.safetensors'), copy)
+    with pytest.raises(ModelError) as caught:
+        load(copy)
+    assert str(caught.value) == (f'{copy}: its weights file net.safetensors is missing: copy it '
+                                 f'to the folder of the model, {copy.parent}')

@@ -1,11 +1,19 @@
 import gzip
+from itertools import pairwise
+import logging
+from pathlib import Path
+import re
 
+from hypothesis import given, settings
+from hypothesis import strategies as st
 import numpy as np
 import pytest
 from scipy.io import savemat
 
 from hydro_twin.errors import BagError, UserError
-from hydro_twin.recording.table import load_map, read_table, START
+from hydro_twin.recording.grid import MAX_GAP
+from hydro_twin.recording.table import read_table, START
+from hydro_twin.recording.table_map import load_map, units_in_bag
 
 MAP = """
 plant: cylinder
@@ -45,7 +53,7 @@ def test_units_scale_and_product(tmp_path, form):
         path.write_text(CSV.replace(',', ';') if form == 'semicolon' else CSV)
     (series,) = read_table(path, table_map(tmp_path))
     command, x = expected()
-    assert (series.sample_time, series.start) == (0.002, START)
+    assert series.stamps.tolist() == [START + 2_000_000 * k for k in range(20)]
     np.testing.assert_allclose(series['command'], command, rtol=1e-14)
     np.testing.assert_allclose(series['x'], x, rtol=1e-14)
 
@@ -57,13 +65,13 @@ plant: cylinder
 sample_rate: 250
 signals: {command: {product: [u, gain]}, x: gain}
 """))
-    assert series.sample_time == 0.004
+    assert series.stamps.tolist() == [START + 4_000_000 * k for k in range(9)]
     assert series['command'].tolist() == [3.0 * k for k in range(9)]
     assert series['x'].tolist() == [3.0] * 9
 
 
 def test_series_by_a_column_and_by_pauses(tmp_path):
-    rows = [(0, 1), (1, 1), (2, 1), (7, 1), (8, 1), (3, 2), (4, 2), (5, 2)]
+    rows = [(0, 1), (1, 1), (2, 1), (8, 1), (9, 1), (3, 2), (4, 2), (5, 2)]
     (tmp_path / 'a.csv').write_text('t,run\n' + ''.join(f'{t},{run}\n' for t, run in rows))
     series = read_table(tmp_path / 'a.csv', table_map(tmp_path, """
 plant: cylinder
@@ -71,9 +79,9 @@ time: t
 series: run
 signals: {command: t, x: run}
 """))
-    assert [s['command'].tolist() for s in series] == [[0, 1, 2], [7, 8], [3, 4, 5]]
-    assert (series[0].start, series[1].start) == (START, START + 7 * 10**9)
-    assert series[2].start > series[1].start + 2 * 10**9
+    assert [s['command'].tolist() for s in series] == [[0, 1, 2], [8, 9], [3, 4, 5]]
+    assert (series[0].stamps[0], series[1].stamps[0]) == (START, START + 8 * 10**9)
+    assert series[2].stamps[0] > series[1].stamps[-1] + MAX_GAP * 10**9
 
 
 @pytest.mark.parametrize(('text', 'says'), [
@@ -88,6 +96,14 @@ signals: {command: t, x: run}
     ('plant: cylinder\nsignals: {x: {column: x, gain: 1}}\ntime: t', 'unknown gain'),
     ('plant: cylinder\nsignals: {x: {product: x}}\ntime: t', 'list of columns'),
     ('plant: cylinder\nsignals: {x: {column: x, scale: a}}\ntime: t', 'scale must be a finite'),
+    ('plant: cylinder\nsignals: {x: x}\ntime: {column: t, unit: mm}', 'mm is not a unit of time'),
+    ('plant: cylinder\nsignals: {x: x}\ntime: t\nrows: [0, 5]', 'rows must be'),
+    ('plant: cylinder\nsignals: {x: x}\ntime: t\nrows: [7, 5]', 'rows must be'),
+    ('plant: cylinder\nsignals: {x: x}\ntime: t\nrows: [1.5, 5]', 'rows must be'),
+    ('plant: cylinder\nsignals: {x: x}\ntime: t\nrows: 5', 'rows must be'),
+    ('plant: cylinder\nsignals: {x: x}\ntime: t\ntime_range: [2]', 'time_range must be'),
+    ('plant: cylinder\nsignals: {x: x}\ntime: t\ntime_range: [2, 2]', 'not after its begin'),
+    ('plant: cylinder\nsignals: {x: x}\ntime: t\ntime_range: [a, 2]', 'finite number'),
 ])
 def test_mistakes_in_a_map_file(tmp_path, text, says):
     with pytest.raises(UserError, match=says) as caught:
@@ -102,12 +118,15 @@ def test_mistakes_in_a_map_file(tmp_path, text, says):
     ('a.csv', b'', 'no column direction, speed, t, x'),
     ('a.csv', b't,speed,direction\n', 'no column x; it has t, speed, direction'),
     ('a.csv', b't,speed,direction,x\n', 'has no rows'),
-    ('a.csv', b't,speed,direction,x\n1,2,3\n', 'cannot be read'),
-    ('a.csv', b't,speed,direction,x\n1,2,3,oops\n', 'oops'),
-    ('a.csv', b't,speed,direction,x\n1,2,3,\n', 'cannot be read'),
+    ('a.csv', b't,speed,direction,x\n1,2,3\n', 'row 1 has no column x: it has 3 columns'),
+    ('a.csv', b't,speed,direction,x\n1,2,3,4\n\n2,2,3,oops\n', "column x is.*row 2: 'oops'"),
+    ('a.csv', b't,speed,direction,x\n1,2,3,4\n2,2,3,\n3,2,3,4\n', 'column x.*row 2: the cell'),
+    ('a.csv', b't;speed;direction;x\n1;2;3;4,5\n', "column x is not a finite.*row 1: '4,5"),
+    ('a.csv', b't,speed,direction,x,x\n1,2,3,4,5\n', 'several columns named x'),
     ('a.csv', b't,speed,direction,x\n1,2,3,4\n2,2,3,nan\n', 'column x is not a finite.*row 2'),
-    ('a.csv', b't,speed,direction,x\n1,2,3,4\n3,2,3,4\n3,2,3,4\n', 'not increase at row 3'),
-    ('a.csv', b't,speed,direction,x\n1,2,3,4\n', 'not increase'),
+    ('a.csv', b't,speed,direction,x\nnan,2,3,4\n2,2,3,4\n', 'column t is not a finite.*row 1'),
+    ('a.csv', b't,speed,direction,x\n1,2,3,4\n1,2,3,4\n3,2,3,4\n3,2,3,4\n',
+     "2 of 4 rows have the time of the row before, the first is row 2.*'sample_rate'"),
     ('a.csv', b'\xff\xfe\x00\x01', 'cannot be read'),
     ('a.csv.gz', b'not gzip', 'cannot be read'),
     ('a.mat', b'not a mat file' * 20, 'MAT file'),
@@ -128,3 +147,171 @@ def test_mat_variables_that_are_no_columns(tmp_path):
         savemat(tmp_path / 'a.mat', good | {'x': x})
         with pytest.raises(BagError, match=says):
             read_table(tmp_path / 'a.mat', table_map(tmp_path))
+
+
+PLAIN = """
+plant: cylinder
+time: {column: t, unit: UNIT}
+signals: {command: u, x: x}
+"""
+
+
+def plain(tmp_path, rows, text=PLAIN, unit='s'):
+    """Read a table of rows (t, u, x); t is written with all its digits."""
+    (tmp_path / 'a.csv').write_text('t,u,x\n' + ''.join(f'{t!r},{u},{x}\n' for t, u, x in rows))
+    return read_table(tmp_path / 'a.csv', table_map(tmp_path, text.replace('UNIT', unit)))
+
+
+@settings(max_examples=60, deadline=None)
+@given(seed=st.integers(0, 10**6), rate=st.floats(0.2, 2000.0), jitter=st.floats(0.05, 0.9),
+       length=st.integers(12, 200), runs=st.integers(1, 3))
+def test_unsteady_times_are_the_stamps(tmp_path_factory, seed, rate, jitter, length, runs):
+    rng = np.random.default_rng(seed)
+    times = []
+    for _ in range(runs):
+        steps = rng.uniform(1.0 - jitter, 1.0 + jitter, length) / rate
+        times.append(rng.uniform(-5.0, 5.0) + np.cumsum(steps) - 3.0 * length / rate)
+    rows = [(float(t), k, -k) for k, t in enumerate(np.concatenate(times))]
+    goes_back = [k + 1 for k in range(len(rows) - 1) if rows[k + 1][0] < rows[k][0]]
+    if len(goes_back) < runs - 1:   # one run begins far after the end of the other
+        return
+    series = plain(tmp_path_factory.mktemp('table'), rows)
+    assert [len(s) for s in series] == [length] * runs
+    for one, there in zip(series, times, strict=True):
+        np.testing.assert_allclose(one.stamps - one.stamps[0], (there - there[0]) * 1e9, atol=2)
+    for before, after in pairwise(series):
+        assert after.stamps[0] - before.stamps[-1] > MAX_GAP * 1e9 / rate * (1 - jitter)
+    assert np.concatenate([s['command'] for s in series]).tolist() == list(range(len(rows)))
+
+
+def test_a_series_ends_at_a_gap_only(tmp_path):
+    """Pauses of up to five typical periods are bridged, as the reader of bags does."""
+    pauses = [0.05] * 20 + [0.24] + [0.05] * 20 + [0.26] + [0.05] * 20
+    time = np.concatenate([[0.0], np.cumsum(pauses)]).round(3).tolist()
+    first, second = plain(tmp_path, [(t, 0, 0) for t in time])
+    assert (len(first), len(second)) == (42, 21)
+    assert second.stamps[0] - first.stamps[-1] == 260_000_000
+
+
+@pytest.mark.parametrize(('unit', 'scale'), [('s', 1), ('ms', 1e3), ('us', 1e6), ('ns', 1e9)])
+@pytest.mark.parametrize('since', [0, 1_700_000_000])
+def test_time_in_any_unit_from_any_beginning(tmp_path, unit, scale, since):
+    """Seconds since 1970 leave 240 ns in floating point, which are not jitter."""
+    times = [(since + 0.002 * k) * scale for k in range(200) if k not in (50, 51, 120)]
+    (series,) = plain(tmp_path, [(t, 0, 0) for t in times], unit=unit)
+    assert series.stamps.tolist() == [
+        START + 2_000_000 * k for k in range(200) if k not in (50, 51, 120)]
+
+
+def test_nanoseconds_as_a_recorder_writes_them(tmp_path):
+    first = 1_763_802_000_123_456_789
+    steps = np.random.default_rng(1).integers(30_000_000, 70_000_000, 50)
+    times = first + np.concatenate([[0], np.cumsum(steps)])
+    (series,) = plain(tmp_path, [(int(t), 0, 0) for t in times], unit='ns')
+    np.testing.assert_allclose(series.stamps - START, times - first, atol=256)   # of a double
+
+
+def test_times_that_no_stamp_holds(tmp_path):
+    rows = [(1_763_802_000 * 10**9 + 2_000_000 * k, 0, 0) for k in range(2000)]
+    assert len(plain(tmp_path, rows, unit='ns')) == 1
+    with pytest.raises(BagError, match=r'span 4e.09 s.*is the unit of the time column right'):
+        plain(tmp_path, rows, unit='s')
+
+
+def test_a_row_that_repeats_the_time_is_left_out_and_named(tmp_path, caplog):
+    rows = [(0.01 * (k - (k > 7)), k, k) for k in range(30)]
+    with caplog.at_level(logging.WARNING):
+        (series,) = plain(tmp_path, rows)
+    assert series['x'].tolist() == [k for k in range(30) if k != 8]
+    assert '1 rows with the time of the row before are left out, the first is row 9' in caplog.text
+
+
+def test_a_last_row_cut_short_is_left_out(tmp_path, caplog):
+    (tmp_path / 'a.csv').write_text('t,u,x,note\n' + ''.join(
+        f'{0.1 * k:.1f},1,2.5,-\n' for k in range(20)) + '2.0,1,2')
+    with caplog.at_level(logging.WARNING):
+        (series,) = read_table(tmp_path / 'a.csv', table_map(tmp_path, PLAIN.replace('UNIT', 's')))
+    assert series['x'].tolist() == [2.5] * 20
+    assert 'the last row is cut short (3 of 4 columns)' in caplog.text
+
+
+@pytest.mark.parametrize(('crop', 'left'), [
+    ('rows: [11, 30]', range(10, 30)),
+    ('rows: [11, null]', range(10, 50)),
+    ('rows: [null, 30]', range(30)),
+    ('rows: [41, 400]', range(40, 50)),
+    ('time_range: [5.2, 5.4]', range(10, 21)),
+    ('time_range: [null, 5.4]', range(21)),
+    ('rows: [16, null]\ntime_range: [5.2, 5.4]', range(15, 21)),
+])
+@pytest.mark.parametrize('form', ['csv', 'mat'])
+def test_rows_and_times_outside_are_not_read(tmp_path, crop, left, form):
+    time, x = 5.0 + 0.02 * np.arange(50), np.arange(50.0)
+    if form == 'csv':
+        (tmp_path / 'a.csv').write_text('t,u,x\n' + ''.join(
+            f'{t:.2f},1,{k:g}\n' for t, k in zip(time, x, strict=True)))
+    else:
+        savemat(tmp_path / 'a.mat', {'t': time, 'u': 1.0, 'x': x})
+    text = PLAIN.replace('UNIT', 's') + crop
+    (series,) = read_table(tmp_path / f'a.{form}', table_map(tmp_path, text))
+    assert series['x'].tolist() == list(left)
+    assert series.stamps.tolist() == [START + 20_000_000 * k for k in range(len(left))]
+
+
+def test_what_is_cropped_need_not_be_right(tmp_path):
+    """A row of units, a broken end: what is not read is not complained of."""
+    (tmp_path / 'a.csv').write_text('Time [s], Valve (V) ,Position [mm]\n[s],V,mm\n' + ''.join(
+        f'{0.1 * k:.1f},{k},{10 * k}\n' for k in range(20)) + '2.0,,nan\n\n2.1,oops\n')
+    text = """
+plant: cylinder
+rows: [2, 21]
+time: {column: "Time [s]"}
+signals:
+  command: {column: Valve (V), unit: V}
+  x: {column: "Position [mm]", unit: mm}
+"""
+    (series,) = read_table(tmp_path / 'a.csv', table_map(tmp_path, text))
+    assert series['command'].tolist() == list(range(20))
+    np.testing.assert_allclose(series['x'], 0.01 * np.arange(20), rtol=1e-14)
+    with pytest.raises(BagError, match=r'column Valve .V. .* in row 22: the cell is empty'):
+        read_table(tmp_path / 'a.csv', table_map(tmp_path, text.replace('21', '24')))
+    with pytest.raises(BagError, match='has no row 40'):
+        read_table(tmp_path / 'a.csv', table_map(tmp_path, text.replace('[2, 21]', '[40, 50]')))
+    crop = text.replace('rows: [2, 21]', 'rows: [2, 21]\ntime_range: [7, 8]')
+    with pytest.raises(BagError, match=r'no rows between 7 and 8 s; its times are 0 to 1.9 s'):
+        read_table(tmp_path / 'a.csv', table_map(tmp_path, crop))
+
+
+@pytest.mark.parametrize(('given', 'unit', 'shown'), [
+    ('u', '1', '1'), ('{column: u, unit: V}', '1', 'V'), ('{column: u, unit: mA}', '1', 'A'),
+    ('{column: u, unit: percent}', '1', '1'), ('u', 'V', 'V'), ('{column: u, unit: mV}', 'V', 'V'),
+    ('{column: u, unit: mm}', 'm', 'm'), ('{column: u, unit: rpm}', 'rad/s', 'rad/s'),
+])
+def test_the_unit_in_the_bag(tmp_path, given, unit, shown):
+    read = table_map(tmp_path, f'plant: x\ntime: t\nsignals: {{u: {given}}}')
+    assert units_in_bag(read, {'u': unit}, 'map.yaml') == {'u': shown}
+
+
+@pytest.mark.parametrize(('given', 'unit', 'says'), [
+    ('mm', 'rad', 'signal u: mm cannot be converted to rad; units for it are rad, deg'),
+    ('N', 'N m', 'N cannot be converted to N m; units for it are N m, kN m'),
+    ('percent', 'V', 'percent cannot be converted to V'),
+])
+def test_a_unit_of_something_else(tmp_path, given, unit, says):
+    read = table_map(tmp_path, f'plant: x\ntime: t\nsignals: {{u: {{column: u, unit: {given}}}}}')
+    with pytest.raises(UserError, match=says):
+        units_in_bag(read, {'u': unit}, 'map.yaml')
+
+
+def test_the_map_that_the_documentation_shows(tmp_path):
+    page = (Path(__file__).parents[2] / 'docs' / 'recording.md').read_text(encoding='utf-8')
+    (text,) = re.findall(r'```yaml\n(plant.*?)```', page, re.DOTALL)
+    read = table_map(tmp_path, text)
+    rows = [(1000 * k, 1 + k // 40, 2.02, 3.0, k) for k in range(100)]
+    (tmp_path / 'a.csv').write_text('Time [ms],run,Valve (V),gain,sensor\n' + ''.join(
+        ','.join(map(str, row)) + '\n' for row in rows))
+    first, second, third = read_table(tmp_path / 'a.csv', read)
+    assert [len(s) for s in (first, second, third)] == [27, 40, 1]   # of 13 to 80 s
+    assert first['command'] == pytest.approx(2.0)
+    np.testing.assert_allclose(second['x'], 20 * 3e-3 * np.arange(40, 80), rtol=1e-14)
+    assert units_in_bag(read, {'command': '1', 'x': 'm'}, '') == {'command': 'V', 'x': 'm'}

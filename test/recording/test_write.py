@@ -1,3 +1,5 @@
+from itertools import pairwise
+
 from bags_by_hand import rig, STORE, write_bag
 from hypothesis import given, HealthCheck, settings
 from hypothesis import strategies as st
@@ -8,8 +10,9 @@ import pytest
 from rosbags.highlevel import AnyReader
 
 from hydro_twin.errors import BagError, DataError
+from hydro_twin.recording.bag import read_signals
 from hydro_twin.recording.read import read_recording
-from hydro_twin.recording.series import Series
+from hydro_twin.recording.series import Series, StampedSeries
 from hydro_twin.recording.signals import load_signals, SignalMap
 from hydro_twin.recording.write import add_to_copy, write_recording
 
@@ -50,6 +53,24 @@ def test_series_to_bag_to_series(tmp_path_factory, lengths, start, sample_time, 
     write_recording(path, series, signals())
     assert path.is_file() == bool(suffix)
     assert_same(read_recording([path], signals(), ['u_m'], sample_time).series, series)
+
+
+@settings(max_examples=15, deadline=None)
+@given(steps=st.lists(st.lists(st.integers(1, 10**9), min_size=1, max_size=30), min_size=1,
+                      max_size=3),
+       suffix=st.sampled_from(['', '.mcap', '.db3']))
+def test_stamped_series_to_bag_to_samples(tmp_path_factory, steps, suffix):
+    path = tmp_path_factory.mktemp('round') / f'bag{suffix}'
+    stamps = START + np.cumsum(np.concatenate(steps))
+    rng = np.random.default_rng(len(stamps))
+    columns = {name: rng.standard_normal(len(stamps)) for name in NAMES}
+    cuts = np.cumsum([0, *map(len, steps)])
+    write_recording(path, [StampedSeries({n: c[a:b] for n, c in columns.items()}, stamps[a:b])
+                           for a, b in pairwise(cuts)], signals())
+    for name, samples in read_signals(path, signals()).items():
+        assert samples.stamped
+        assert samples.stamps.tolist() == stamps.tolist()
+        assert samples.values.tobytes() == columns[name].tobytes()
 
 
 def test_bag_reads_back_with_the_reference_library(tmp_path):
