@@ -1,13 +1,14 @@
 """What a plant is: linear laws joined at named ports, with parameters, units and bounds."""
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 
 import numpy as np
 import numpy.typing as npt
 
 from hydro_twin.errors import ModelError
+from hydro_twin.plants.equations import Equations, rows_of
 
 FloatArray = npt.NDArray[np.float64]
 
@@ -106,7 +107,8 @@ class Plant:
 
     Attributes:
         inputs: in the order of the columns of B.
-        laws: parameters and constants by name -> the linear laws.
+        equations: its linear laws, as a function of parameters `p`, states `x`, inputs `u` and
+            `port`, which passes a value through the next port; returns the rate of each state.
         combinations: groups of parameters that act only together, whatever is recorded, as the
             product of powers that can be known: ({'V_m': 1, 'beta_e': -1}, ...).
         at_rest: the states whose rate is taken as zero at the first sample; with the measured
@@ -123,7 +125,7 @@ class Plant:
     parameters: tuple[Parameter, ...]
     constants: tuple[Constant, ...]
     ports: tuple[Port, ...]
-    laws: Callable[[Mapping[str, float]], Laws]
+    equations: Equations
     at_rest: tuple[str, ...]
     combinations: tuple[Mapping[str, int], ...] = ()
     output_scale: float = 1.0
@@ -137,6 +139,22 @@ class Plant:
     def order(self) -> int:
         """Number of states, which is the order of the difference equation."""
         return len(self.states)
+
+    def laws(self, values: Mapping[str, float]) -> Laws:
+        """Write the equations as matrices.
+
+        Args:
+            values: parameters and constants by name.
+
+        Raises:
+            ModelError: the equations do not fit the states and ports declared.
+        """
+        n, m = self.order, len(self.inputs)
+        rows = rows_of(self.equations, values, self.states, [u.name for u in self.inputs],
+                       [port.name for port in self.ports],
+                       [tuple(port.signals) for port in self.ports])
+        return Laws(*(block for matrix in rows
+                      for block in (matrix[:, :n], matrix[:, n:n + m], matrix[:, n + m:])))
 
     def constant_values(self, given: Mapping[str, float] | None = None) -> dict[str, float]:
         """Merge constants given by the user into the defaults.

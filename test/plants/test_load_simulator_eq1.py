@@ -2,11 +2,11 @@ import numpy as np
 import pytest
 from scipy import signal
 
-from hydro_twin.plants import load_simulator
+from hydro_twin.plants import PLANTS
 from hydro_twin.plants.load_simulator_eq1 import coefficients
 
 D_M, T = 2e-5, 0.002
-BOX = load_simulator.LOAD_SIMULATOR.parameters
+BOX = PLANTS['load_simulator'].parameters
 NAMES = [p.name for p in BOX]
 
 
@@ -56,7 +56,7 @@ def test_is_the_bilinear_transform_of_the_five_laws():
     s = 2 / T * (z - 1) / (z + 1)
     powers = z[:, None] ** -np.arange(5.0)
     for row, values in zip(found, population, strict=True):
-        laws = load_simulator.laws({**dict(zip(NAMES, values, strict=True)), 'D_m': D_M})
+        laws = PLANTS['load_simulator'].laws({**dict(zip(NAMES, values, strict=True)), 'D_m': D_M})
         response = [(laws.C @ np.linalg.solve(si * np.eye(4) - laws.A, laws.B) + laws.D)[0]
                     for si in s]
         past = 1 - powers[:, 1:] @ row[:4]
