@@ -51,8 +51,8 @@ class Ports:
 
 
 # (parameters and constants, states, inputs, ports) -> the rate of each state by its name
-Equations = Callable[[SimpleNamespace, SimpleNamespace, SimpleNamespace, Ports],
-                     Mapping[str, Linear]]
+Equations = Callable[[SimpleNamespace, SimpleNamespace, SimpleNamespace, Any],
+                     Mapping[str, Any]]
 
 
 def rows_of(equations: Equations, values: Mapping[str, float], states: Sequence[str],
@@ -88,3 +88,19 @@ def rows_of(equations: Equations, values: Mapping[str, float], states: Sequence[
                          f'{len(ports)} ports')
     return (np.array([rates[name] for name in states]), np.array(passed.values),
             np.array(passed.signals).reshape(-1, len(unit)))
+
+
+def rates_at(equations: Equations, values: Mapping[str, float], states: Mapping[str, float],
+             inputs: Mapping[str, float], added: npt.NDArray[np.float64]) -> Mapping[str, Any]:
+    """Evaluate equations at one point, as numbers.
+
+    Args:
+        equations: as a plant defines them.
+        values: parameters and constants by name.
+        states: their values.
+        inputs: their values.
+        added: by effects, at each port.
+    """
+    at = iter(added)
+    return equations(SimpleNamespace(**values), SimpleNamespace(**states),
+                     SimpleNamespace(**inputs), lambda _, value, **__: value + next(at))

@@ -4,6 +4,7 @@ from __future__ import annotations
 from types import SimpleNamespace
 
 from hydro_twin.plants.equations import Linear, Ports
+from hydro_twin.plants.load_simulator_eq1 import coefficients
 from hydro_twin.plants.plant import Constant, Parameter, Plant, Port, Signal
 
 
@@ -70,4 +71,5 @@ LOAD_SIMULATOR = Plant(
     at_rest=('x_v', 'omega_j', 'theta_j'),
     combinations=({'V_m': 1, 'beta_e': -1}, {'K_q': 1, 'K_sv': 1}),
     output_scale=200.0,                                         # [B19]: T_g / 200
+    closed_form=coefficients,
 )

@@ -147,5 +147,5 @@ def test_constants_are_checked():
 
 
 def test_an_unknown_plant_is_refused_with_those_there_are():
-    with pytest.raises(UserError, match='load_simulator, valve_servo, cylinder, positioning'):
+    with pytest.raises(UserError, match=', '.join(sorted(PLANTS))):
         plant_named('servo')
