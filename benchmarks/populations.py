@@ -38,7 +38,7 @@ SEEDS = range(11)
 
 
 def eq1(parameters: FloatArray) -> FloatArray:
-    return coefficients(parameters, D_m=2e-5, sample_time=0.002)
+    return coefficients(parameters, {'D_m': 2e-5}, 0.002)
 
 
 def recording(samples: int, friction: float) -> list[Series]:

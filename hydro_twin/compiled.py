@@ -12,13 +12,15 @@ from typing import Any
 import numba
 from numba.core import event
 
+from hydro_twin.plugins import plugin_files
+
 PACKAGE = Path(__file__).parent
 
 
 def sources() -> list[Path]:
-    """List the files whose code is compiled: the effects and the kernel."""
+    """List the files that are compiled: the effects, also of other packages, and the kernel."""
     return sorted([*(PACKAGE / 'effects').glob('*.py'), *(PACKAGE / 'predictors').glob('*.py'),
-                   Path(__file__)])
+                   *plugin_files('hydro_twin.effects'), Path(__file__)])
 
 
 def cache_folder() -> Path:

@@ -35,7 +35,7 @@ class Rig:
 def add_rig_arguments(parser: argparse.ArgumentParser) -> None:
     """Add what names the rig: --plant, --config and --constant."""
     parser.add_argument('--plant', required=True, metavar='PLANT',
-                        help='load_simulator, valve_servo, cylinder, positioning or control_valve')
+                        help='name of a plant; an unknown one lists those there are')
     add_config_argument(parser)
     parser.add_argument('--constant', action='append', default=[], type=assignment,
                         metavar='NAME=VALUE', help='a constant of the rig, as D_m=2.2e-5; '

@@ -1,33 +1,20 @@
 """A process control valve with its positioner: the stem follows the command with a lag."""
 from __future__ import annotations
 
-from collections.abc import Mapping
+from types import SimpleNamespace
 
-import numpy as np
+from hydro_twin.plants.equations import Linear, Ports
+from hydro_twin.plants.plant import Parameter, Plant, Port, Signal
 
-from hydro_twin.plants.plant import Laws, Parameter, Plant, Port, Signal
 
-
-def laws(p: Mapping[str, float]) -> Laws:
-    """State-space form of tau y' + y = K command; state: y [1]."""
-    tau, K = p['tau'], p['K']
-    return Laws(
-        A=np.array([[-1.0 / tau]]),
-        B=np.array([[K / tau]]),
-        #            command  actuator  stem  sensor
-        E=np.array([[K / tau, 1.0, 0.0, 0.0]]),
-        port_x=np.array([[0.0], [-1.0 / tau], [1.0], [1.0]]),
-        port_u=np.array([[1.0], [K / tau], [0.0], [0.0]]),
-        port_d=np.array([
-            [0.0, 0.0, 0.0, 0.0],
-            [K / tau, 0.0, 0.0, 0.0],
-            [0.0, 0.0, 0.0, 0.0],
-            [0.0, 0.0, 1.0, 0.0],
-        ]),
-        signal_x=np.array([[1.0]]),
-        signal_u=np.zeros((1, 1)),
-        signal_d=np.zeros((1, 4)),
-    )
+def equations(p: SimpleNamespace, x: SimpleNamespace, u: SimpleNamespace, port: Ports
+              ) -> dict[str, Linear]:
+    """Return the rate of a first-order lag, tau y' + y = K command."""
+    command = port('command', u.command)
+    speed = port('actuator', (p.K * command - x.y) / p.tau, position=x.y)
+    stem = port('stem', x.y)
+    port('sensor', stem)
+    return {'y': speed}
 
 
 CONTROL_VALVE = Plant(
@@ -48,6 +35,6 @@ CONTROL_VALVE = Plant(
         Port('stem', 'stem', '1', 'opening of the valve'),
         Port('sensor', 'sensor', '1', 'opening as measured'),
     ),
-    laws=laws,
+    equations=equations,
     at_rest=(),
 )

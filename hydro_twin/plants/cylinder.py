@@ -1,33 +1,21 @@
 """A hydraulic cylinder driven by a valve or a pump: a lag, a speed gain, an integrator."""
 from __future__ import annotations
 
-from collections.abc import Mapping
+from types import SimpleNamespace
 
-import numpy as np
+from hydro_twin.plants.equations import Linear, Ports
+from hydro_twin.plants.plant import Parameter, Plant, Port, Signal
 
-from hydro_twin.plants.plant import Laws, Parameter, Plant, Port, Signal
 
-
-def laws(p: Mapping[str, float]) -> Laws:
-    """State-space form of tau q' + q = command, x' = K_v q; states: q [command], x [m]."""
-    tau, K_v = p['tau'], p['K_v']
-    return Laws(
-        A=np.array([[-1.0 / tau, 0.0], [K_v, 0.0]]),
-        B=np.array([[1.0 / tau], [0.0]]),
-        E=np.array([[1.0 / tau, 1.0, 0.0, 0.0, 0.0], [0.0, 0.0, K_v, 1.0, 0.0]]),
-        port_x=np.array([[0.0, 0.0], [-1.0 / tau, 0.0], [1.0, 0.0], [K_v, 0.0], [0.0, 1.0]]),
-        port_u=np.array([[1.0], [1.0 / tau], [0.0], [0.0], [0.0]]),
-        port_d=np.array([
-            [0.0, 0.0, 0.0, 0.0, 0.0],
-            [1.0 / tau, 0.0, 0.0, 0.0, 0.0],
-            [0.0, 0.0, 0.0, 0.0, 0.0],
-            [0.0, 0.0, K_v, 0.0, 0.0],
-            [0.0, 0.0, 0.0, 0.0, 0.0],
-        ]),
-        signal_x=np.array([[1.0, 0.0], [0.0, 1.0]]),
-        signal_u=np.zeros((2, 1)),
-        signal_d=np.array([[0.0, 0.0, 1.0, 0.0, 0.0], [0.0, 0.0, 0.0, 0.0, 0.0]]),
-    )
+def equations(p: SimpleNamespace, x: SimpleNamespace, u: SimpleNamespace, port: Ports
+              ) -> dict[str, Linear]:
+    """Return the rates of a lag, tau q' + q = command, and of x' = K_v q."""
+    command = port('command', u.command)
+    spool_rate = port('spool', (command - x.q) / p.tau)
+    q = port('spool', x.q)
+    speed = port('piston', p.K_v * q, opening=q, position=x.x)
+    port('sensor', x.x)
+    return {'q': spool_rate, 'x': speed}
 
 
 CYLINDER = Plant(
@@ -49,6 +37,6 @@ CYLINDER = Plant(
         Port('piston', 'speed', 'm/s', 'speed of the piston', {'opening': '1', 'position': 'm'}),
         Port('sensor', 'sensor', 'm', 'position as measured'),
     ),
-    laws=laws,
+    equations=equations,
     at_rest=('q',),
 )

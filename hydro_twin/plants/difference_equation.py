@@ -2,8 +2,10 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
+import numpy.typing as npt
 from scipy.linalg import expm
 
 from hydro_twin.plants.plant import FloatArray, Laws
@@ -38,13 +40,47 @@ def from_state_space(Phi: FloatArray, Gamma: FloatArray, C: FloatArray,
 
 def bilinear(laws: Laws, sample_time: float) -> DifferenceEquation:
     """Apply the bilinear transform s = (2/T)(1 - z^-1)/(1 + z^-1), as eq. 1 of [B19]."""
-    n = len(laws.A)
-    half = 0.5 * sample_time * laws.A
-    inverse = np.linalg.inv(np.eye(n) - half)
-    Phi = inverse @ (np.eye(n) + half)
-    Gamma = sample_time * inverse @ inverse @ laws.B
-    return from_state_space(
-        Phi, Gamma, laws.C, laws.D + 0.5 * sample_time * laws.C @ inverse @ laws.B)
+    n, m = laws.B.shape
+    row = bilinear_coefficients(laws.A[None], laws.B[None], laws.C[None], laws.D[None],
+                                sample_time)[0]
+    return DifferenceEquation(-row[:n], row[n:].reshape(m, n + 1).T.copy())
+
+
+def bilinear_coefficients(
+    A: npt.NDArray[Any], B: npt.NDArray[Any], C: npt.NDArray[Any], D: npt.NDArray[Any], T: float,
+) -> npt.NDArray[Any]:
+    """Discretise systems by s = (2/T)(1 - z^-1)/(1 + z^-1), and eliminate their states.
+
+    Only sums, products and inverses, so that complex parameters give derivatives by the complex
+    step.
+
+    Args:
+        A: shape (P, n, n).
+        B: shape (P, n, m).
+        C: shape (P, 1, n).
+        D: shape (P, 1, m).
+        T: sample time [s].
+
+    Returns:
+        Shape (P, n + (n + 1) m): of y(k-1..k-n), then of u(k..k-n) of every input.
+    """
+    n = A.shape[1]
+    identity = np.eye(n)
+    inverse = np.linalg.inv(identity - 0.5 * T * A)
+    Phi = inverse @ (identity + 0.5 * T * A)
+    Gamma = T * inverse @ inverse @ B
+    a = [np.ones(len(A))]                       # characteristic polynomial, Faddeev-LeVerrier
+    M = np.zeros_like(Phi)
+    for i in range(1, n + 1):
+        M = Phi @ M + a[-1][:, None, None] * identity
+        a.append(-np.trace(Phi @ M, axis1=1, axis2=2) / i)
+    response = [D[:, 0] + 0.5 * T * (C @ inverse @ B)[:, 0]]
+    for _ in range(n):
+        response.append((C @ Gamma)[:, 0])
+        Gamma = Phi @ Gamma
+    b = [sum(a[i][:, None] * response[j - i] for i in range(j + 1)) for j in range(n + 1)]
+    return np.concatenate(
+        [-np.stack(a[1:], axis=1), np.stack(b, axis=2).reshape(len(A), -1)], axis=1)
 
 
 def characteristic(laws: Laws, sample_time: float) -> FloatArray:

@@ -1,72 +1,34 @@
 """The torque load simulator of [B19]: a hydraulic motor that loads a moving shaft."""
 from __future__ import annotations
 
-from collections.abc import Mapping
+from types import SimpleNamespace
 
-import numpy as np
+from hydro_twin.plants.equations import Linear, Ports
+from hydro_twin.plants.load_simulator_eq1 import coefficients
+from hydro_twin.plants.plant import Constant, Parameter, Plant, Port, Signal
 
-from hydro_twin.plants.plant import Constant, Laws, Parameter, Plant, Port, Signal
 
-
-def laws(p: Mapping[str, float]) -> Laws:
-    """State-space form of the five laws, [B19] eqs 11 to 15.
-
-    States: x_v [m], p_L [Pa], omega_j [rad/s], theta_j [rad]; inputs: u_m [V], theta_d [rad].
-    """
-    stiffness = 4.0 * p['beta_e'] / p['V_m']                    # p_L' per net flow, eq. 12
-    K_p, K_sv, K_q, K_ce = p['K_p'], p['K_sv'], p['K_q'], p['K_ce']
-    J, B_m, G, D_m = p['J'], p['B_m'], p['G'], p['D_m']
-    A = np.array([
-        [-1.0 / K_p, 0.0, 0.0, 0.0],                            # eq. 15
-        [stiffness * K_q, -stiffness * K_ce, -stiffness * D_m, 0.0],    # eqs 11, 12
-        [0.0, D_m / J, -B_m / J, -G / J],                       # eqs 13, 14
-        [0.0, 0.0, 1.0, 0.0],
-    ])
-    B = np.array([[K_sv / K_p, 0.0], [0.0, 0.0], [0.0, G / J], [0.0, 0.0]])
-    #             command     rate     spool             chamber      flow     leakage   motor
-    E = np.array([                                      # coupling, sensor
-        [K_sv / K_p, 1.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0],
-        [0.0, 0.0, stiffness * K_q, -stiffness * K_ce, stiffness, -stiffness, 0.0, 0.0, 0.0],
-        [0.0, 0.0, 0.0, D_m / J, 0.0, 0.0, 1.0 / J, -1.0 / J, 0.0],
-        [0.0] * 9,
-    ])
-    port_x = np.array([
-        [0.0, 0.0, 0.0, 0.0],               # command: u_m
-        [-1.0 / K_p, 0.0, 0.0, 0.0],        # spool rate: x_v'
-        [1.0, 0.0, 0.0, 0.0],               # spool: x_v
-        [0.0, 1.0, 0.0, 0.0],               # chamber: p_L
-        [K_q, 0.0, 0.0, 0.0],               # flow: K_q x_v
-        [0.0, K_ce, 0.0, 0.0],              # leakage: K_ce p_L
-        [0.0, D_m, -B_m, 0.0],              # motor: D_m p_L - B_m omega_j
-        [0.0, 0.0, 0.0, G],                 # coupling: G (theta_j - theta_d)
-        [0.0, 0.0, 0.0, G],                 # sensor: T_g
-    ])
-    port_u = np.zeros((9, 2))
-    port_u[0, 0] = 1.0
-    port_u[1, 0] = K_sv / K_p
-    port_u[7:, 1] = -G
-    port_d = np.zeros((9, 9))
-    port_d[1, 0] = K_sv / K_p
-    port_d[4, 2] = K_q
-    port_d[5:7, 3] = K_ce, D_m
-    port_d[8, 7] = 1.0
-    # load_pressure at chamber; opening, load_pressure at flow; load_pressure at leakage;
-    # velocity, position at motor; twist at coupling
-    signal_x = np.array([
-        [0.0, 1.0, 0.0, 0.0],
-        [1.0, 0.0, 0.0, 0.0],
-        [0.0, 1.0, 0.0, 0.0],
-        [0.0, 1.0, 0.0, 0.0],
-        [0.0, 0.0, 1.0, 0.0],
-        [0.0, 0.0, 0.0, 1.0],
-        [0.0, 0.0, 0.0, 1.0],
-    ])
-    signal_u = np.zeros((7, 2))
-    signal_u[6, 1] = -1.0
-    signal_d = np.zeros((7, 9))
-    signal_d[1, 2] = 1.0
-    signal_d[2:4, 3] = 1.0
-    return Laws(A, B, E, port_x, port_u, port_d, signal_x, signal_u, signal_d)
+def equations(p: SimpleNamespace, x: SimpleNamespace, u: SimpleNamespace, port: Ports
+              ) -> dict[str, Linear]:
+    """Return the rates by the five laws of the load simulator, [B19] eqs 11 to 15."""
+    u_m = port('command', u.u_m)
+    spool_rate = port('spool', (p.K_sv * u_m - x.x_v) / p.K_p)                  # eq. 15
+    x_v = port('spool', x.x_v)
+    p_L = port('chamber', x.p_L, load_pressure=x.p_L)
+    Q_L = port('flow', p.K_q * x_v, opening=x_v, load_pressure=p_L)             # eq. 11, K_c below
+    leakage = port('leakage', p.K_ce * p_L, load_pressure=p_L)                  # K_ce = K_c + C_tm
+    torque = port('motor', p.D_m * p_L - p.B_m * x.omega_j,
+                  velocity=x.omega_j, position=x.theta_j)
+    twist = x.theta_j - u.theta_d
+    T_g = port('coupling', p.G * twist, twist=twist)                            # eq. 14
+    port('sensor', T_g)
+    net_flow = Q_L - leakage - p.D_m * x.omega_j
+    return {
+        'x_v': spool_rate,
+        'p_L': 4.0 * p.beta_e / p.V_m * net_flow,                               # eq. 12
+        'omega_j': (torque - T_g) / p.J,                                        # eq. 13
+        'theta_j': x.omega_j,
+    }
 
 
 LOAD_SIMULATOR = Plant(
@@ -105,8 +67,9 @@ LOAD_SIMULATOR = Plant(
         Port('coupling', 'coupling', 'N m', 'torque from twist', {'twist': 'rad'}),
         Port('sensor', 'sensor', 'N m', 'torque as measured'),
     ),
-    laws=laws,
+    equations=equations,
     at_rest=('x_v', 'omega_j', 'theta_j'),
     combinations=({'V_m': 1, 'beta_e': -1}, {'K_q': 1, 'K_sv': 1}),
     output_scale=200.0,                                         # [B19]: T_g / 200
+    closed_form=coefficients,
 )

@@ -1,6 +1,7 @@
 """The difference equation of the load simulator, for whole populations of parameters at once."""
 from __future__ import annotations
 
+from collections.abc import Mapping
 from functools import cache
 from typing import Any
 
@@ -11,7 +12,7 @@ ORDER = 4
 
 
 @cache
-def bilinear(order: int, sample_time: float) -> npt.NDArray[np.float64]:
+def powers_of_s(order: int, sample_time: float) -> npt.NDArray[np.float64]:
     """Powers of s under the bilinear transform s = (2/T) (1 - q) / (1 + q), q = z^-1.
 
     Returns:
@@ -30,7 +31,7 @@ def bilinear(order: int, sample_time: float) -> npt.NDArray[np.float64]:
 
 
 def coefficients(
-    parameters: npt.NDArray[Any], D_m: float, sample_time: float,
+    parameters: npt.NDArray[Any], constants: Mapping[str, float], sample_time: float,
 ) -> npt.NDArray[Any]:
     """Evaluate the coefficients of eq. 1 in closed form, [B19] eqs 21 to 24.
 
@@ -41,13 +42,14 @@ def coefficients(
     Args:
         parameters: shape (P, 9), the columns V_m, J, K_p, K_q, G, K_ce, B_m, K_sv, beta_e
             of [B19] Table 1, in SI units.
-        D_m: motor displacement [m^3/rad].
+        constants: D_m, the motor displacement [m^3/rad].
         sample_time: T [s].
 
     Returns:
         Shape (P, 14): -f1, f2, f3, -f4; d0 (1, 4, 6, 4, 1); -e0, -e1, e2, e3, -e4.
     """
     V_m, J, K_p, K_q, G, K_ce, B_m, K_sv, beta_e = np.asarray(parameters).T
+    D_m = constants['D_m']
     c = V_m / (4.0 * beta_e)                                    # compliance of the oil
     den = D_m * K_q
     inertia = K_p * D_m**2 + K_ce * (K_p * B_m + J) + c * B_m
@@ -66,7 +68,7 @@ def coefficients(
         damping + G * K_p * K_ce + c * G,
         G * K_ce,
     ])
-    B = bilinear(ORDER, sample_time)
+    B = powers_of_s(ORDER, sample_time)
     f = B.T @ a                                                 # den G times f0 ... f4, signed
     out = np.empty((14, den.size), f.dtype)
     out[:4] = -f[1:] / f[0]                                     # eq. 22

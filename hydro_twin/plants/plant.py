@@ -3,13 +3,19 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
 from hydro_twin.errors import ModelError
+from hydro_twin.plants.equations import Equations, rates_at, rows_of
 
 FloatArray = npt.NDArray[np.float64]
+
+# Parameters in their order, (P, d), real or complex; constants by name; sample time [s]
+# -> coefficients of y(k-1..k-n), then of u(k..k-n) of every input, (P, n + (n + 1) m).
+ClosedForm = Callable[[npt.NDArray[Any], Mapping[str, float], float], npt.NDArray[Any]]
 
 
 @dataclass(frozen=True)
@@ -106,12 +112,15 @@ class Plant:
 
     Attributes:
         inputs: in the order of the columns of B.
-        laws: parameters and constants by name -> the linear laws.
+        equations: its linear laws, as a function of parameters `p`, states `x`, inputs `u` and
+            `port`, which passes a value through the next port; returns the rate of each state.
         combinations: groups of parameters that act only together, whatever is recorded, as the
             product of powers that can be known: ({'V_m': 1, 'beta_e': -1}, ...).
         at_rest: the states whose rate is taken as zero at the first sample; with the measured
             output they give the state at which a run starts.
         output_scale: a typical large output, by which networks scale theirs.
+        closed_form: the coefficients of the difference equation, eq. 1 of [B19], where there are
+            formulae for them; otherwise they come from the matrices, which is slower.
     """
 
     name: str
@@ -123,10 +132,11 @@ class Plant:
     parameters: tuple[Parameter, ...]
     constants: tuple[Constant, ...]
     ports: tuple[Port, ...]
-    laws: Callable[[Mapping[str, float]], Laws]
+    equations: Equations
     at_rest: tuple[str, ...]
     combinations: tuple[Mapping[str, int], ...] = ()
     output_scale: float = 1.0
+    closed_form: ClosedForm | None = None
 
     @property
     def signals(self) -> tuple[Signal, ...]:
@@ -137,6 +147,42 @@ class Plant:
     def order(self) -> int:
         """Number of states, which is the order of the difference equation."""
         return len(self.states)
+
+    def laws(self, values: Mapping[str, float]) -> Laws:
+        """Write the equations as matrices.
+
+        Args:
+            values: parameters and constants by name.
+
+        Raises:
+            ModelError: the equations do not fit the states and ports declared.
+        """
+        n, m = self.order, len(self.inputs)
+        rows = rows_of(self.equations, values, self.states, [u.name for u in self.inputs],
+                       [port.name for port in self.ports],
+                       [tuple(port.signals) for port in self.ports])
+        return Laws(*(block for matrix in rows
+                      for block in (matrix[:, :n], matrix[:, n:n + m], matrix[:, n + m:])))
+
+    def check_equations(self) -> None:
+        """Check that the equations are linear and fit what is declared.
+
+        Raises:
+            ModelError: they give other rates, ports or signals, or they are not linear.
+        """
+        values = {c.name: c.value for c in self.constants} | {
+            p.name: (p.lower * p.upper) ** 0.5 for p in self.parameters}
+        laws = self.laws(values)
+        n, m, width = self.order, len(self.inputs), self.order + len(self.inputs) + len(self.ports)
+        v = np.random.default_rng(0).uniform(1.0, 2.0, width)
+        rates = rates_at(self.equations, values, dict(zip(self.states, v, strict=False)),
+                         {u.name: v[n + k] for k, u in enumerate(self.inputs)},
+                         v[n + m:])
+        wanted = np.hstack([laws.A, laws.B, laws.E]) @ v
+        given = np.array([rates[name] for name in self.states])
+        if not np.allclose(wanted, given, rtol=1e-9, atol=1e-9 * float(np.abs(wanted).max())):
+            raise ModelError(f'the equations of {self.name} are not linear: what is not belongs '
+                             'in an effect')
 
     def constant_values(self, given: Mapping[str, float] | None = None) -> dict[str, float]:
         """Merge constants given by the user into the defaults.

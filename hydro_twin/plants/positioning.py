@@ -1,27 +1,19 @@
 """A positioning axis: a mass with viscous friction moved by a force."""
 from __future__ import annotations
 
-from collections.abc import Mapping
+from types import SimpleNamespace
 
-import numpy as np
+from hydro_twin.plants.equations import Linear, Ports
+from hydro_twin.plants.plant import Parameter, Plant, Port, Signal
 
-from hydro_twin.plants.plant import Laws, Parameter, Plant, Port, Signal
 
-
-def laws(p: Mapping[str, float]) -> Laws:
-    """State-space form of M x'' + F_v x' = force; states: v [m/s], x [m]."""
-    M, F_v = p['M'], p['F_v']
-    return Laws(
-        A=np.array([[-F_v / M, 0.0], [1.0, 0.0]]),
-        B=np.array([[1.0 / M], [0.0]]),
-        E=np.array([[1.0 / M, 1.0 / M, 0.0], [0.0, 0.0, 0.0]]),
-        port_x=np.array([[0.0, 0.0], [-F_v, 0.0], [0.0, 1.0]]),
-        port_u=np.array([[1.0], [1.0], [0.0]]),
-        port_d=np.array([[0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 0.0]]),
-        signal_x=np.eye(2),
-        signal_u=np.zeros((2, 1)),
-        signal_d=np.zeros((2, 3)),
-    )
+def equations(p: SimpleNamespace, x: SimpleNamespace, u: SimpleNamespace, port: Ports
+              ) -> dict[str, Linear]:
+    """Return the rates of M x'' + F_v x' = force."""
+    command = port('command', u.force)
+    force = port('motor', command - p.F_v * x.v, velocity=x.v, position=x.x)
+    port('sensor', x.x)
+    return {'v': force / p.M, 'x': x.v}
 
 
 POSITIONING = Plant(
@@ -41,6 +33,6 @@ POSITIONING = Plant(
         Port('motor', 'force', 'N', 'force on the mass', {'velocity': 'm/s', 'position': 'm'}),
         Port('sensor', 'sensor', 'm', 'position as measured'),
     ),
-    laws=laws,
+    equations=equations,
     at_rest=('x',),
 )

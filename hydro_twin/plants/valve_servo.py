@@ -1,57 +1,30 @@
 """The turbine valve servo of [L18]: converter, actuator and lag under unit feedback."""
 from __future__ import annotations
 
-from collections.abc import Mapping
+from types import SimpleNamespace
 
-import numpy as np
+from hydro_twin.plants.equations import Linear, Ports
+from hydro_twin.plants.plant import Parameter, Plant, Port, Signal
 
-from hydro_twin.plants.plant import Laws, Parameter, Plant, Port, Signal
 
+def equations(p: SimpleNamespace, x: SimpleNamespace, u: SimpleNamespace, port: Ports
+              ) -> dict[str, Linear]:
+    """Return the rates of the loop of [L18] eq. 1, all states in nominal full openings.
 
-def laws(p: Mapping[str, float]) -> Laws:
-    """State-space form of the loop of [L18] eq. 1, without its nonlinear part.
-
-    Error e = k_1 (command - y); converter T_y c' + c = e; actuator T_c a' = c;
-    lag tau y' + y = a. States: c, a, y, all in units of nominal full opening. This closes to
-    Y/U = k_1 / (T_c T_y tau s^3 + T_c (T_y + tau) s^2 + T_c s + k_1).
+    Closed, it is Y/U = k_1 / (T_c T_y tau s^3 + T_c (T_y + tau) s^2 + T_c s + k_1).
     """
-    T_y, T_c, tau, k_1 = p['T_y'], p['T_c'], p['tau'], p['k_1']
-    return Laws(
-        A=np.array([
-            [-1.0 / T_y, 0.0, -k_1 / T_y],
-            [1.0 / T_c, 0.0, 0.0],
-            [0.0, 1.0 / tau, -1.0 / tau],
-        ]),
-        B=np.array([[k_1 / T_y], [0.0], [0.0]]),
-        #            command  converter  pilot  actuator  linkage  stem  sensor
-        E=np.array([
-            [k_1 / T_y, k_1 / T_y, 0.0, 0.0, 0.0, 0.0, 0.0],
-            [0.0, 0.0, 1.0 / T_c, 1.0, 0.0, 0.0, 0.0],
-            [0.0, 0.0, 0.0, 0.0, 1.0 / tau, 0.0, 0.0],
-        ]),
-        port_x=np.array([
-            [0.0, 0.0, 0.0],                # command
-            [0.0, 0.0, -1.0],               # converter: command - y
-            [1.0, 0.0, 0.0],                # pilot: c
-            [1.0 / T_c, 0.0, 0.0],          # actuator: a'
-            [0.0, 1.0, 0.0],                # linkage: a
-            [0.0, 0.0, 1.0],                # stem: y
-            [0.0, 0.0, 1.0],                # sensor
-        ]),
-        port_u=np.array([[1.0], [1.0], [0.0], [0.0], [0.0], [0.0], [0.0]]),
-        port_d=np.array([
-            [0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0],
-            [1.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0],
-            [0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0],
-            [0.0, 0.0, 1.0 / T_c, 0.0, 0.0, 0.0, 0.0],
-            [0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0],
-            [0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0],
-            [0.0, 0.0, 0.0, 0.0, 0.0, 1.0, 0.0],
-        ]),
-        signal_x=np.array([[1.0, 0.0, 0.0], [0.0, 0.0, 1.0]]),
-        signal_u=np.zeros((2, 1)),
-        signal_d=np.zeros((2, 7)),
-    )
+    command = port('command', u.command)
+    error = port('converter', command - x.y)
+    c = port('pilot', x.c)
+    speed = port('actuator', c / p.T_c, opening=x.c, position=x.y)
+    a = port('linkage', x.a)
+    stem = port('stem', x.y)
+    port('sensor', stem)
+    return {
+        'c': (p.k_1 * error - x.c) / p.T_y,
+        'a': speed,
+        'y': (a - x.y) / p.tau,
+    }
 
 
 VALVE_SERVO = Plant(
@@ -78,7 +51,7 @@ VALVE_SERVO = Plant(
         Port('stem', 'stem', '1', 'opening of the valve, beyond what is fed back'),
         Port('sensor', 'sensor', '1', 'opening as measured'),
     ),
-    laws=laws,
+    equations=equations,
     combinations=({'T_c': 1, 'k_1': -1},),      # Y/U holds them only as T_c / k_1
     at_rest=('a', 'y'),
 )

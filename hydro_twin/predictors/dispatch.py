@@ -13,12 +13,11 @@ import sys
 from typing import Any
 
 from hydro_twin.compiled import CACHE
-from hydro_twin.effects import Effect, EFFECTS, MODULES
-from hydro_twin.effects.curve import CURVE
+from hydro_twin.effects import curve, Effect, EFFECTS, MODULES
 
 NAME = 'hydro_twin_dispatch'
 LAWS = [(name, effect.law) for name, effect in
-        zip((*MODULES, 'curve'), (*EFFECTS, CURVE), strict=True)]
+        zip((*MODULES, curve.__name__), (*EFFECTS, curve.CURVE), strict=True)]
 
 
 def code(effect: Effect) -> int:
@@ -29,7 +28,7 @@ def code(effect: Effect) -> int:
 def source() -> str:
     """Write the module."""
     laws = [(k, name) for k, (name, law) in enumerate(LAWS) if law is not None]
-    imports = [f'from hydro_twin.effects.{name} import law as law_{k}' for k, name in laws]
+    imports = [f'from {name} import law as law_{k}' for k, name in laws]
     branches = [f'    if code == {k}:\n        return law_{k}(v, s, p, z, h, c, z_next)'
                 for k, _ in laws]
     return '\n'.join([

@@ -9,7 +9,7 @@ import pytest
 from scipy.integrate import solve_ivp
 
 from hydro_twin.commands.main import main
-from hydro_twin.plants import LOAD_SIMULATOR
+from hydro_twin.plants.load_simulator import LOAD_SIMULATOR
 from hydro_twin.recording.series import Series
 from hydro_twin.recording.signals import load_signals
 from hydro_twin.recording.write import write_recording

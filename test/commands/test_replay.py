@@ -53,7 +53,7 @@ def eq_1(y, u, theta):
     from hydro_twin.plants.load_simulator_eq1 import coefficients
 
     values = [[MODEL.parameters[p.name].value for p in PLANT.parameters]]
-    c = coefficients(np.array(values), 2e-5, 0.002)[0]
+    c = coefficients(np.array(values), {'D_m': 2e-5}, 0.002)[0]
     return np.array([c @ [*y[k - 4:k][::-1], *u[k - 4:k + 1][::-1], *theta[k - 4:k + 1][::-1]]
                      for k in range(4, len(y))])
 

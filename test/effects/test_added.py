@@ -23,9 +23,6 @@ def copy(tmp_path_factory):
     page = (ROOT / 'docs' / 'adding.md').read_text(encoding='utf-8')
     for path, text in re.findall(r'```\w+\n# (\S+)\n(.*?)```', page, re.DOTALL):
         (folder / path).write_text(text, encoding='utf-8')
-    with (folder / 'hydro_twin/plants/__init__.py').open('a', encoding='utf-8') as file:
-        file.write('\nfrom hydro_twin.plants.accumulator import ACCUMULATOR  # noqa: E402\n'
-                   "PLANTS['accumulator'] = ACCUMULATOR\n")
 
     def run(*arguments):
         return subprocess.run(

@@ -37,7 +37,7 @@ def test_a_model_file_names_one_law():
     assert len(set(places)) == len(places)
 
 
-@pytest.mark.parametrize('effect', EFFECTS, ids=MODULES)
+@pytest.mark.parametrize('effect', EFFECTS, ids=[name.rpartition('.')[2] for name in MODULES])
 def test_every_effect_has_a_place_and_something_to_say(effect):
     assert any(e is effect for _, e, _ in SITES)
     assert effect.title
@@ -47,7 +47,7 @@ def test_every_effect_has_a_place_and_something_to_say(effect):
         assert effect.law.py_func.__doc__
 
 
-@pytest.mark.parametrize('effect', EFFECTS, ids=MODULES)
+@pytest.mark.parametrize('effect', EFFECTS, ids=[name.rpartition('.')[2] for name in MODULES])
 def test_parameters_have_bounds_that_hold(effect):
     assert len({p.name for p in effect.parameters}) == len(effect.parameters)
     for p in effect.parameters:

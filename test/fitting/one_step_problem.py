@@ -14,7 +14,7 @@ SIGNALS = 'T_g', ('u_m', 'theta_d'), 4
 
 
 def eq1(parameters):
-    return coefficients(parameters, 2e-5, 0.002)
+    return coefficients(parameters, {'D_m': 2e-5}, 0.002)
 
 
 def recording(parameters, rng, noise=0.0, friction=0.0, samples=1000):

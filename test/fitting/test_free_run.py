@@ -9,7 +9,7 @@ from scipy.integrate import solve_ivp
 
 from hydro_twin.fitting.candidate import Part
 from hydro_twin.fitting.free_run import Fit, fit_linear
-from hydro_twin.plants import LOAD_SIMULATOR
+from hydro_twin.plants.load_simulator import LOAD_SIMULATOR
 
 T, SAMPLES, D_M = 0.002, 1500, 2e-5
 TRUE = {'V_m': 1.7e-4, 'J': 0.05, 'K_p': 0.009, 'K_q': 1.2, 'G': 9e3, 'K_ce': 5e-12, 'B_m': 45.0,

@@ -6,7 +6,7 @@ import pytest
 
 from hydro_twin.errors import DataError
 from hydro_twin.fitting.study import five_numbers, make_part, mann_whitney
-from hydro_twin.plants import LOAD_SIMULATOR
+from hydro_twin.plants.load_simulator import LOAD_SIMULATOR
 from hydro_twin.recording.series import Recording, Series
 
 

@@ -17,7 +17,7 @@ from hydro_twin.fitting.network import (
     train_batch,
     train_many,
 )
-from hydro_twin.plants import LOAD_SIMULATOR
+from hydro_twin.plants.load_simulator import LOAD_SIMULATOR
 from hydro_twin.recording.series import Series
 
 torch = pytest.importorskip('torch')

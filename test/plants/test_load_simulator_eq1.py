@@ -2,11 +2,11 @@ import numpy as np
 import pytest
 from scipy import signal
 
-from hydro_twin.plants import load_simulator
+from hydro_twin.plants import PLANTS
 from hydro_twin.plants.load_simulator_eq1 import coefficients
 
 D_M, T = 2e-5, 0.002
-BOX = load_simulator.LOAD_SIMULATOR.parameters
+BOX = PLANTS['load_simulator'].parameters
 NAMES = [p.name for p in BOX]
 
 
@@ -24,12 +24,12 @@ def test_agrees_with_the_test_vector_of_fifty_digits():
     expected = [-f1, f2, f3, -f4, d0, 4 * d0, 6 * d0, 4 * d0, d0,
                 -e[0], -e[1], e[2], e[3], -e[4]]
     parameters = np.array([[1.75e-4, 5.5e-2, 1.75e-2, 1.35, 1.1e4, 5.5e-12, 55, 1.15e-4, 7e8]])
-    np.testing.assert_allclose(coefficients(parameters, D_M, T)[0], expected, rtol=1e-12)
+    np.testing.assert_allclose(coefficients(parameters, {'D_m': D_M}, T)[0], expected, rtol=1e-12)
 
 
 def test_is_the_bilinear_transform_of_the_printed_transfer_function():
     population = draws(1)
-    found = coefficients(population, D_M, T)
+    found = coefficients(population, {'D_m': D_M}, T)
     for row, (V_m, J, K_p, K_q, G, K_ce, B_m, K_sv, beta_e) in zip(
             found, population, strict=True):
         den = 4 * beta_e * D_M * K_q * G                        # [B19] eqs 17 to 20
@@ -51,12 +51,12 @@ def test_is_the_bilinear_transform_of_the_printed_transfer_function():
 
 def test_is_the_bilinear_transform_of_the_five_laws():
     population = draws(2)
-    found = coefficients(population, D_M, T)
+    found = coefficients(population, {'D_m': D_M}, T)
     z = np.exp(1j * 2 * np.pi * np.array([0.5, 7.0, 60.0, 200.0]) * T)
     s = 2 / T * (z - 1) / (z + 1)
     powers = z[:, None] ** -np.arange(5.0)
     for row, values in zip(found, population, strict=True):
-        laws = load_simulator.laws({**dict(zip(NAMES, values, strict=True)), 'D_m': D_M})
+        laws = PLANTS['load_simulator'].laws({**dict(zip(NAMES, values, strict=True)), 'D_m': D_M})
         response = [(laws.C @ np.linalg.solve(si * np.eye(4) - laws.A, laws.B) + laws.D)[0]
                     for si in s]
         past = 1 - powers[:, 1:] @ row[:4]
@@ -67,5 +67,5 @@ def test_is_the_bilinear_transform_of_the_five_laws():
 @pytest.mark.parametrize('row', [0, 17, 39])
 def test_a_candidate_does_not_depend_on_its_population(row):
     population = draws(3)
-    np.testing.assert_allclose(coefficients(population[row:row + 1], D_M, T)[0],
-                               coefficients(population, D_M, T)[row], rtol=1e-14)
+    np.testing.assert_allclose(coefficients(population[row:row + 1], {'D_m': D_M}, T)[0],
+                               coefficients(population, {'D_m': D_M}, T)[row], rtol=1e-14)

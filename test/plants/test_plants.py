@@ -1,3 +1,5 @@
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from scipy import signal
@@ -120,6 +122,21 @@ def test_a_set_of_parameters_that_is_not_the_plants_is_refused():
         plant.check({'tau': float('nan'), 'K_v': 0.1})
 
 
+@pytest.mark.parametrize('ports', [
+    lambda ports: ports[1:], lambda ports: (*ports, ports[-1]), lambda ports: ports[::-1],
+    lambda ports: (ports[0], replace(ports[1], signals={}), ports[2])])
+def test_equations_that_do_not_fit_the_declared_ports_are_refused(ports):
+    plant = PLANTS['positioning']
+    with pytest.raises(ModelError, match='declared'):
+        replace(plant, ports=ports(plant.ports)).laws(TYPICAL['positioning'])
+
+
+def test_equations_that_do_not_give_every_rate_are_refused():
+    plant = PLANTS['positioning']
+    with pytest.raises(ModelError, match='rates'):
+        replace(plant, states=('v', 'x', 'y')).laws(TYPICAL['positioning'])
+
+
 def test_constants_are_checked():
     plant = PLANTS['load_simulator']
     assert plant.constant_values({'D_m': 3e-5}) == {'D_m': 3e-5}
@@ -130,5 +147,5 @@ def test_constants_are_checked():
 
 
 def test_an_unknown_plant_is_refused_with_those_there_are():
-    with pytest.raises(UserError, match='load_simulator, valve_servo, cylinder, positioning'):
+    with pytest.raises(UserError, match=', '.join(sorted(PLANTS))):
         plant_named('servo')

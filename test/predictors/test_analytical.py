@@ -122,7 +122,8 @@ def test_one_step_of_the_linear_plant_is_eq_1_on_the_measured_past():
     rng = np.random.default_rng(1)
     series.columns['T_g'][:] = 50 * np.sin(np.arange(len(series)) / 30) + rng.normal(
         size=len(series))
-    c = coefficients(np.array([[VECTOR[p.name] for p in plant.parameters]]), 2e-5, 0.002)[0]
+    values = np.array([[VECTOR[p.name] for p in plant.parameters]])
+    c = coefficients(values, {'D_m': 2e-5}, 0.002)[0]
     y, u, th = series['T_g'], series['u_m'], series['theta_d']
     expected = [c @ [*y[k - 4:k][::-1], *u[k - 4:k + 1][::-1], *th[k - 4:k + 1][::-1]]
                 for k in range(4, len(series))]

@@ -10,7 +10,8 @@ import pytest
 
 from hydro_twin.errors import ModelError
 from hydro_twin.model import Estimate, FittedEffect, Model, place, write_model
-from hydro_twin.plants import LOAD_SIMULATOR, POSITIONING
+from hydro_twin.plants.load_simulator import LOAD_SIMULATOR
+from hydro_twin.plants.positioning import POSITIONING
 from hydro_twin.predictors.analytical import Analytical
 from hydro_twin.predictors.hybrid import NetworkPredictor
 from hydro_twin.predictors.network import Network, save_network
