@@ -141,8 +141,9 @@ class TwinNode(LifecycleNode):
         return self.on_cleanup(state)
 
     def destroy_node(self) -> None:
-        """Stop the thread, then the node."""
+        """Stop the thread and all that is heard, then the node."""
         self._worker.stop()
+        self._stop_listening()
         super().destroy_node()
 
     def _configure(self) -> None:
@@ -166,8 +167,7 @@ class TwinNode(LifecycleNode):
 
     def _choices(self) -> list[Choice]:
         """List the models that the parameters ask for."""
-        return choices(self.get_parameter('model').value,
-                       self.get_parameter_or('models').value or ())
+        return choices(self.get_parameter('model').value, self.get_parameter('models').value)
 
     def _declare_signals(self) -> None:
         """Declare the signals of the plant, as soon as it is known which one that will be."""

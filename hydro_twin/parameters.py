@@ -23,7 +23,7 @@ def declare_parameters(node: Node) -> None:
                   ] if setting.bounds else []
         node.declare_parameter(
             setting.name,
-            Parameter.Type.STRING_ARRAY if setting.default is None else setting.default,
+            list(setting.default) if isinstance(setting.default, tuple) else setting.default,
             ParameterDescriptor(
                 description=setting.description, read_only=setting.read_only,
                 additional_constraints=' or '.join(setting.choices), floating_point_range=ranges,

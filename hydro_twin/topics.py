@@ -36,7 +36,7 @@ def blamed(topic: str) -> Iterator[None]:
         yield
     except (RuntimeError, TypeError, ValueError, ParameterException,
             NameValidationException) as error:
-        raise UserError(f'topic {topic}: {error}') from error
+        raise UserError(f'topic {topic}: {" ".join(str(error).split())}') from error
 
 
 class Topics:

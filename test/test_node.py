@@ -220,7 +220,7 @@ def test_played_slowly_by_the_clock_it_keeps_its_rate(rig: Rig, bag: Path, model
         with process('hydro_twin.commands.main', 'replay', str(bag), '--publish', '--loop',
                      '--clock', '--rate', '0.5'):
             rig.until(lambda: [value for message in rig.heard['/diagnostics']
-                               for status in message.status if status.name.endswith(': twin')
+                               for status in message.status if status.name.endswith(': model main')
                                for value in status.values
                                if value.key == 'rate [Hz]' and 400.0 < float(value.value) < 550.0],
                       'it says that it keeps its rate')
@@ -257,11 +257,12 @@ def test_interrupted_while_it_starts_it_ends_quietly(model: Path, seconds: float
     (['-p', 'wait:=long'], 'wait'),
     (['-p', 'signals.T_g.topic:=3'], 'signals.T_g.topic'),
     (['-p', 'signals.T_g.topic:=/a-b'], '/a-b'),
+    (['-p', 'qos_overrides./hydro_twin/model_info.publisher.history:=some'], 'model_info'),
     (['--params-file', 'absent.yaml'], 'absent.yaml')])
 def test_a_bad_start_is_one_line(model: Path, arguments: list[str], named: str) -> None:
     done = subprocess.run(
         [sys.executable, '-m', 'hydro_twin.commands.main', 'node', '--ros-args', '-p',
-         f'model:={model}', *arguments, '--log-level', 'fatal'],
+         f'model:={model}', *arguments],
         capture_output=True, text=True, timeout=60, check=False)
     assert done.returncode == 2
     *before, line = done.stderr.splitlines()

@@ -9,14 +9,14 @@ class Setting:
     """One parameter.
 
     Attributes:
-        default: None for a list of texts that is not set.
+        default: of a list of texts, a tuple; one empty text stands for none.
         choices: all that a text may be, if that is known here.
         bounds: of a number, both included.
         read_only: it is read at the start of the node and never again.
     """
 
     name: str
-    default: str | float | bool | None
+    default: str | float | bool | tuple[str, ...]
     description: str
     choices: tuple[str, ...] = ()
     bounds: tuple[float, float] | None = None
@@ -38,7 +38,7 @@ class Setting:
 SETTINGS = (
     Setting('model', '', 'model file that ~/prediction comes from; may be set while the node '
             'runs, and is swapped between two samples'),
-    Setting('models', None, 'more model files, side by side on ~/NAME/prediction: NAME=PATH or '
+    Setting('models', ('',), 'more model files, side by side on ~/NAME/prediction: NAME=PATH or '
             'PATH'),
     Setting('plant', '', 'plant that the models must be of; if not given, that of the model'),
     Setting('mode', 'one_step', 'one_step: from measured outputs up to the sample before; '
@@ -61,8 +61,8 @@ def overview() -> str:
     for name, default, about in [
             *((s.name, str(s.default).lower() if isinstance(s.default, bool) else s.default,
                s.description) for s in SETTINGS),
-            (SIGNAL, None, SIGNAL_DESCRIPTION)]:
-        said = about if default in (None, '') else f'{about} (default: {default})'
+            (SIGNAL, '', SIGNAL_DESCRIPTION)]:
+        said = about if default in ('', ('',)) else f'{about} (default: {default})'
         lines += [f'  {name}', *textwrap.wrap(said, 79, initial_indent=' ' * 6,
                                               subsequent_indent=' ' * 6)]
     return '\n'.join(lines)
