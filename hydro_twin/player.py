@@ -17,7 +17,6 @@ from rclpy.publisher import Publisher
 from rclpy.qos import DurabilityPolicy, QoSProfile
 from rclpy.signals import SignalHandlerOptions
 from rclpy.time import Time
-from rclpy.utilities import remove_ros_args
 from rosgraph_msgs.msg import Clock
 
 from hydro_twin.errors import UserError
@@ -54,11 +53,9 @@ def play(bag: Path, rate: float = 1.0, loop: bool = False, clock: bool = False,
     if not rate > 0.0:
         raise UserError(f'rate {rate:g}: must be above 0')
     # With rclpy's own handler an interrupt would end the context in the midst of a message.
-    given = [sys.argv[0], '--ros-args', *ros_arguments]
     try:
-        if left := remove_ros_args(given)[1:]:
-            raise UserError(f'{" ".join(left)}: to be written before --ros-args')
-        rclpy.init(args=given, signal_handler_options=SignalHandlerOptions.NO)
+        rclpy.init(args=[sys.argv[0], '--ros-args', *ros_arguments],
+                   signal_handler_options=SignalHandlerOptions.NO)
     except RuntimeError as error:   # of rcl
         raise UserError(str(error)) from error
     for number in (signal.SIGINT, signal.SIGTERM):

@@ -239,6 +239,17 @@ def test_the_player_ends_when_interrupted_and_offers_no_service(rig: Rig, bag: P
     assert json.loads(out)['played'][INPUTS[0]] > 100
 
 
+def test_the_player_takes_ros_arguments(rig: Rig, bag: Path) -> None:
+    heard = rig.listen('/rig/command', JointState)
+    done = subprocess.run(
+        [sys.executable, '-m', 'hydro_twin.commands.main', 'replay', str(bag), '--publish',
+         '--json', '--rate', '4', '--ros-args', '-r', '/load_simulator/command:=/rig/command',
+         '-r', '__node:=player', '-r', '__ns:=/rig'], capture_output=True, text=True, check=True,
+        timeout=PATIENCE)
+    assert set(json.loads(done.stdout)['played']) == {'/rig/command', INPUTS[1]}
+    rig.until(lambda: heard, 'something came on the other topic')
+
+
 @pytest.mark.parametrize('seconds', [0.5, 1.0, 1.5])
 def test_interrupted_while_it_starts_it_ends_quietly(model: Path, seconds: float) -> None:
     """Not timed: wherever it is by then, on whatever machine, it ends quietly."""
