@@ -54,6 +54,7 @@ setup(
     extras_require={
         'ros': ['ros-jazzy-rclpy[fastrtps]', 'ros-jazzy-common-interfaces'],
         'learn': ['torch>=2.2'],
+        'test': ['hypothesis', 'pytest'],   # by which colcon test knows what to run
     },
     entry_points={'console_scripts': [f'hydro-twin = {NAME}.commands.main:main']},
 )

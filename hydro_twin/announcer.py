@@ -8,12 +8,12 @@ from typing import Any
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 from rclpy.node import Node
 from rclpy.qos import DurabilityPolicy, QoSProfile
-from rclpy.qos_overriding_options import QoSOverridingOptions
 from rclpy.time import Time
 from std_msgs.msg import String
 
 from hydro_twin.live.diagnostics import Status
 from hydro_twin.live.twin import Twin
+from hydro_twin.topics import blamed, OVERRIDES
 
 
 class Announcer:
@@ -23,9 +23,9 @@ class Announcer:
         """Publish in the name of a node."""
         latched = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
         self._name = node.get_fully_qualified_name().strip('/')
-        self._info = node.create_publisher(
-            String, '~/model_info', latched,
-            qos_overriding_options=QoSOverridingOptions.with_default_policies())
+        with blamed('~/model_info'):
+            self._info = node.create_publisher(String, '~/model_info', latched,
+                                               qos_overriding_options=OVERRIDES)
         self._event = node.create_publisher(String, '~/model_event', 10)
         self._diagnostics = node.create_publisher(DiagnosticArray, '/diagnostics', 10)
 
@@ -37,11 +37,11 @@ class Announcer:
         """Say that something happened to a model."""
         self._event.publish(String(data=json.dumps({'event': event, **about})))
 
-    def diagnostics(self, now: Time, statuses: Sequence[Status]) -> None:
-        """Say how things stand."""
+    def diagnostics(self, now: Time, plant: str, statuses: Sequence[Status]) -> None:
+        """Say how things stand; the hardware is the plant."""
         message = DiagnosticArray(status=[
             DiagnosticStatus(name=f'{self._name}: {status.part}', level=bytes([status.level]),
-                             message=status.message,
+                             message=status.message, hardware_id=plant,
                              values=[KeyValue(key=k, value=v) for k, v in status.values.items()])
             for status in statuses])
         message.header.stamp = now.to_msg()

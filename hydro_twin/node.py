@@ -3,51 +3,44 @@ from __future__ import annotations
 
 from collections import deque
 from collections.abc import Callable, Sequence
+import contextlib
 from functools import partial
 import gc
 from pathlib import Path
-import signal
-import sys
 import time
 from typing import Any
 
 from rcl_interfaces.msg import SetParametersResult
-import rclpy
 from rclpy.clock import Clock, ClockType
-from rclpy.exceptions import NameValidationException, ParameterException
-from rclpy.executors import Executor, SingleThreadedExecutor
-from rclpy.lifecycle import (
-    LifecycleNode,
-    LifecyclePublisher,
-    LifecycleState,
-    TransitionCallbackReturn,
-)
+from rclpy.exceptions import ParameterException
+from rclpy.lifecycle import LifecycleNode, LifecycleState, TransitionCallbackReturn
 from rclpy.parameter import Parameter
-from rclpy.qos import QoSProfile, ReliabilityPolicy
-from rclpy.qos_overriding_options import QoSOverridingOptions
-from rclpy.signals import SignalHandlerOptions
-from rclpy.validate_topic_name import validate_topic_name
-from sensor_msgs.msg import JointState
+from rclpy.timer import Timer
 from std_srvs.srv import Trigger
 
 from hydro_twin.announcer import Announcer
 from hydro_twin.errors import ModelError, UserError
 from hydro_twin.live.diagnostics import Diagnosis
 from hydro_twin.live.live import Feed, Live
-from hydro_twin.live.messages import message_class
-from hydro_twin.live.models import Choice, choices, load_twin, same_inputs, taste
+from hydro_twin.live.models import (
+    Choice,
+    choices,
+    load_twin,
+    plant_of,
+    same_file,
+    same_inputs,
+    taste,
+)
 from hydro_twin.live.outlet import Outlet
 from hydro_twin.live.twin import Twin
 from hydro_twin.live.worker import Worker
-from hydro_twin.parameters import declare_parameters, SignalParameters
-from hydro_twin.predictors.predictor import MODES
+from hydro_twin.parameters import declare_parameters, objection, SignalParameters
+from hydro_twin.plants import plant_named
+from hydro_twin.topics import Topics
 
-DEPTH = 200      # messages: a hiccup of 400 ms at 500 Hz
 TICK = 0.05      # how often the steady timer looks for inputs that are late [s]
 PERIOD = 1.0     # of the diagnostics [s]
-SWITCH = 5e-4    # for how long the other thread may keep a message waiting [s]
 SUCCESS, FAILURE = TransitionCallbackReturn.SUCCESS, TransitionCallbackReturn.FAILURE
-OVERRIDES = QoSOverridingOptions.with_default_policies()
 
 
 class TwinNode(LifecycleNode):
@@ -63,16 +56,17 @@ class TwinNode(LifecycleNode):
         self._live: Live | None = None
         self._diagnosis: Diagnosis | None = None
         self._outlets: list[Outlet] = []
-        self._outgoing: list[LifecyclePublisher] = []
         self._chosen: list[Choice] = []
         self._swaps: deque[Twin] = deque()    # loaded, to take over at the next message
         self._restore: str | None = None      # the value of `model` before it was refused
-        self._entities: list[tuple[Callable[[Any], Any], Any]] = []   # of an active node
-        self._publisher_counts: dict[str, Callable[[], int]] = {}
+        self._timer: Timer | None = None      # of an active node
         self._diagnosed = 0                   # when that was last done, by the node's clock [ns]
-        self._signals = SignalParameters(self)
+        self._starting = False                # by itself: who started it says what is wrong
+        self._topics = Topics(self)
+        self._signals = SignalParameters(self, self._parameter_overrides)
         self.add_on_set_parameters_callback(self._on_set)   # heeds what it is started with, too
         declare_parameters(self)
+        self._declare_signals()
         self.add_post_set_parameters_callback(self._after_set)
         self._announcer = Announcer(self)
         self.create_service(Trigger, '~/reset', self._on_reset)
@@ -99,21 +93,37 @@ class TwinNode(LifecycleNode):
         gc.freeze()
         gc.disable()   # the worker collects
         self.get_logger().info(f'runs {", ".join(str(choice.path) for choice in self._chosen)} on '
-                               f'{", ".join(self._publisher_counts)}')
+                               f'{", ".join(self._topics.publishers())}')
+        if ignored := self._signals.ignored():
+            self.get_logger().warning(f'ignores parameters that it does not know: '
+                                      f'{", ".join(ignored)}')
         return super().on_activate(state)
 
     def _attempt(self, transition: Callable[[], None]) -> TransitionCallbackReturn:
         """Do what a transition takes; rclpy swallows whatever is raised there."""
         try:
             transition()
-        except (UserError, ParameterException, NameValidationException) as error:
+        except (UserError, ParameterException) as error:
             self.fault = UserError(str(error))
         except Exception as error:
             self.fault = error
         else:
             return SUCCESS
-        self.get_logger().error(str(self.fault))
+        if not self._starting:
+            self.get_logger().error(str(self.fault))
         return FAILURE
+
+    def start(self) -> None:
+        """Configure and activate, as a lifecycle manager would.
+
+        Raises:
+            UserError: the models or parameters do not allow it.
+        """
+        self._starting = True
+        for trigger in (self.trigger_configure, self.trigger_activate):
+            if trigger() != SUCCESS:
+                raise self.fault or UserError('the node does not start')
+        self._starting = False
 
     def on_deactivate(self, state: LifecycleState) -> TransitionCallbackReturn:
         """Stop listening."""
@@ -131,39 +141,39 @@ class TwinNode(LifecycleNode):
         return self.on_cleanup(state)
 
     def destroy_node(self) -> None:
-        """Stop the thread, then the node."""
+        """Stop the thread and all that is heard, then the node."""
         self._worker.stop()
+        self._stop_listening()
         super().destroy_node()
 
     def _configure(self) -> None:
         """Make everything that an active node needs."""
-        self._chosen = choices(self.get_parameter('model').value,
-                               self.get_parameter_or('models').value or ())
+        self._chosen = self._choices()
         mode = self.get_parameter('mode').value
         twins = [load_twin(choice, mode) for choice in self._chosen]
         for twin in twins:
             same_inputs(twin, twins[0])
         predictor = twins[0].predictor
-        signals = self._signals.read(predictor.plant)
-        for where in signals.values():
-            message_class(where.type)
-            validate_topic_name(where.topic)
+        plant = self.get_parameter('plant').value
+        if plant not in ('', predictor.plant.name):
+            raise ModelError(f'{self._chosen[0].path}: a model of {predictor.plant.name}, but '
+                             f"the parameter 'plant' is {plant}")
+        signals = self._topics.resolved(self._signals.read(predictor.plant))
         self._live = Live(predictor.plant, signals, predictor.sample_time,
                           self.get_parameter('wait').value)
-        self._outlets = [self._outlet(twin) for twin in twins]
+        self._outlets = [self._topics.outlet(twin) for twin in twins]
         self._diagnosis = Diagnosis(self._live, twins)
         self._announcer.info(twins)
 
-    def _outlet(self, twin: Twin) -> Outlet:
-        """Create the topics of a twin."""
-        prefix = f'~/{twin.name}/' if twin.name else '~/'
-        prediction, residual = (
-            self.create_lifecycle_publisher(
-                JointState, f'{prefix}{topic}', QoSProfile(depth=DEPTH),
-                qos_overriding_options=OVERRIDES)
-            for topic in ('prediction', 'residual'))
-        self._outgoing += [prediction, residual]
-        return Outlet(twin, prediction.publish, residual.publish)
+    def _choices(self) -> list[Choice]:
+        """List the models that the parameters ask for."""
+        return choices(self.get_parameter('model').value, self.get_parameter('models').value)
+
+    def _declare_signals(self) -> None:
+        """Declare the signals of the plant, as soon as it is known which one that will be."""
+        with contextlib.suppress(ModelError):   # which configure will refuse
+            self._signals.declare(self.get_parameter('plant').value
+                                  or plant_of(self._choices()[0].path))
 
     def _listen(self) -> None:
         """Subscribe to the inputs, start the timer."""
@@ -172,30 +182,22 @@ class TwinNode(LifecycleNode):
             raise RuntimeError('activated before it was configured')
         live.aligner.restart()
         for feed in live.feeds:
-            subscription = self.create_subscription(
-                message_class(feed.type), feed.topic, self._listener(live, feed),
-                QoSProfile(depth=DEPTH, reliability=ReliabilityPolicy.BEST_EFFORT), raw=True,
-                qos_overriding_options=OVERRIDES)
-            self._publisher_counts[feed.topic] = subscription.get_publisher_count
-            self._entities.append((self.destroy_subscription, subscription))
+            self._topics.listen(feed, self._listener(live, feed))
         self._ticked = time.monotonic()
-        timer = self.create_timer(TICK, self._on_tick,
-                                  clock=Clock(clock_type=ClockType.STEADY_TIME))
-        self._entities.append((self.destroy_timer, timer))
+        self._timer = self.create_timer(TICK, self._on_tick,
+                                        clock=Clock(clock_type=ClockType.STEADY_TIME))
 
     def _stop_listening(self) -> None:
-        self._publisher_counts.clear()
-        for destroy, entity in self._entities:
-            destroy(entity)
-        self._entities.clear()
+        if self._timer is not None:
+            self.destroy_timer(self._timer)
+            self._timer = None
+        self._topics.stop_listening()
         gc.enable()
         gc.unfreeze()
 
     def _clean_up(self) -> None:
         self._stop_listening()
-        for publisher in self._outgoing:
-            self.destroy_lifecycle_publisher(publisher)
-        self._outgoing.clear()
+        self._topics.close()
         self._outlets = []
         self._live = None
         self._diagnosis = None
@@ -259,6 +261,25 @@ class TwinNode(LifecycleNode):
         response.message = 'starts afresh' if response.success else 'not configured'
         return response
 
+    def set_parameters_atomically(self, parameter_list: list[Parameter]) -> SetParametersResult:
+        """Set what is asked for: what is so already is left as it is, even if read-only."""
+        changed = [parameter for parameter in parameter_list if not self._is_so(parameter)]
+        for parameter in changed:
+            if reason := self._signals.unknown(parameter.name):
+                return SetParametersResult(successful=False, reason=reason)
+        if not changed:
+            return SetParametersResult(successful=True)
+        return super().set_parameters_atomically(changed)
+
+    def _is_so(self, parameter: Parameter) -> bool:
+        """Say whether setting a parameter would change nothing, in the file of a model either."""
+        now = self.get_parameter_or(parameter.name)
+        if not self.has_parameter(parameter.name) or now.value != parameter.value:
+            return False
+        diagnosis = self._diagnosis
+        return (parameter.name != 'model' or diagnosis is None or not self._chosen
+                or same_file(self._chosen[0].path, diagnosis.twins[0]))
+
     def _on_set(self, parameters: Sequence[Parameter]) -> SetParametersResult:
         """Refuse what cannot be, as far as that shows in no time."""
         for parameter in parameters:
@@ -268,11 +289,16 @@ class TwinNode(LifecycleNode):
 
     def _objection(self, name: str, value: Any) -> str:
         """Say why a parameter cannot have a value, or ''."""
-        if name == 'mode' and value not in MODES:
-            return f'mode {value!r}: there are {" and ".join(MODES)}'
+        if reason := objection(name, value):
+            return reason
+        if name == 'plant' and value:
+            try:
+                plant_named(value)
+            except UserError as error:
+                return str(error)
         if not self._outlets or self._restore is not None:
             return ''
-        if name == 'models' or name.startswith('signals.'):
+        if name in ('models', 'plant') or name.startswith('signals.'):
             return f'{name} can be set before the node is configured: clean it up first'
         if name == 'model':
             if self._chosen[0].name:
@@ -283,7 +309,11 @@ class TwinNode(LifecycleNode):
     def _after_set(self, parameters: Sequence[Parameter]) -> None:
         """Act on new values."""
         values = {parameter.name: parameter.value for parameter in parameters}
-        if self._live is None or self._restore is not None:
+        if self._live is None:
+            if values.keys() & {'model', 'models', 'plant'}:
+                self._declare_signals()
+            return
+        if self._restore is not None:
             return
         if 'wait' in values:
             self._live.aligner.bound_wait(values['wait'])
@@ -332,63 +362,7 @@ class TwinNode(LifecycleNode):
                 self._announcer.event(
                     'refit', model=twin.name, begin=rise.begin, end=rise.end, rms=rise.rms,
                     promised=rise.promised, topics=[feed.topic for feed in diagnosis.live.feeds])
-        self._announcer.diagnostics(now, diagnosis.statuses(
-            now.nanoseconds, elapsed, {topic: count() for topic, count in
-                                       list(self._publisher_counts.items())}))
+        statuses = diagnosis.inactive() if self._timer is None else diagnosis.statuses(
+            now.nanoseconds, elapsed, self._topics.publishers())
+        self._announcer.diagnostics(now, diagnosis.twins[0].predictor.plant.name, statuses)
         gc.collect()   # quick: all from before the start is frozen
-
-
-def make_executor() -> Executor:
-    """Take the executor that costs a message a sixth of the other, where this rclpy has it."""
-    try:
-        from rclpy.experimental.events_executor import EventsExecutor
-    except ImportError:
-        return SingleThreadedExecutor()
-    return EventsExecutor()
-
-
-def main(arguments: Sequence[str] | None = None) -> int:
-    """Run the node until it is shut down.
-
-    Args:
-        arguments: ROS arguments; by default those of this process.
-
-    Raises:
-        UserError: it starts itself, and the models or parameters do not allow it.
-    """
-    stopped = False
-
-    def stop(*_: object) -> None:
-        nonlocal stopped
-        stopped = True
-
-    # An exception in a callback would abort the EventsExecutor, so no signal may raise one; and
-    # rclpy's own handlers would end the context while the node still starts.
-    for number in (signal.SIGINT, signal.SIGTERM):
-        signal.signal(number, stop)
-    try:
-        rclpy.init(args=None if arguments is None else [sys.argv[0], *arguments],
-                   signal_handler_options=SignalHandlerOptions.NO)
-        node = TwinNode()
-    except (RuntimeError, ParameterException) as error:   # rcl's errors are of the former
-        rclpy.try_shutdown()
-        raise UserError(str(error)) from error
-    sys.setswitchinterval(SWITCH)
-    try:
-        if node.get_parameter('autostart').value:
-            for trigger in (node.trigger_configure, node.trigger_activate):
-                if trigger() != SUCCESS:
-                    raise node.fault or UserError('the node does not start')
-        executor = make_executor()
-        executor.add_node(node)
-        # spin() of some EventsExecutors hangs under full load; spin_once() does not.
-        while not stopped:
-            executor.spin_once(timeout_sec=0.2)
-    finally:
-        node.destroy_node()
-        rclpy.try_shutdown()
-    return 0
-
-
-if __name__ == '__main__':
-    sys.exit(main())

@@ -1,64 +1,102 @@
-"""The parameters of the node: what each is for, and where the signals of a plant are found."""
+"""The parameters of the node in ROS: declared, checked, and where the signals of a plant are."""
 from __future__ import annotations
 
+from collections.abc import Mapping
 from typing import Any
 
 from rcl_interfaces.msg import FloatingPointRange, ParameterDescriptor
 from rclpy.node import Node
 from rclpy.parameter import Parameter
 
-from hydro_twin.plants import Plant
+from hydro_twin.live.settings import SETTINGS
+from hydro_twin.plants import Plant, plant_named
 from hydro_twin.recording.signals import default_config, load_parameters, signal_maps, SignalMap
+
+OFFLINE = ('constants.', 'sample_time')   # of the same file, for the offline verbs
+PREFIX = 'signals.'
 
 
 def declare_parameters(node: Node) -> None:
     """Declare the parameters that do not hang on the plant."""
-    def text(description: str, **limits: Any) -> ParameterDescriptor:
-        return ParameterDescriptor(description=description, **limits)
+    for setting in SETTINGS:
+        ranges = [FloatingPointRange(from_value=setting.bounds[0], to_value=setting.bounds[1])
+                  ] if setting.bounds else []
+        node.declare_parameter(
+            setting.name,
+            list(setting.default) if isinstance(setting.default, tuple) else setting.default,
+            ParameterDescriptor(
+                description=setting.description, read_only=setting.read_only,
+                additional_constraints=' or '.join(setting.choices), floating_point_range=ranges,
+                dynamic_typing=bool(ranges)))   # so that 1 will do for 1.0
 
-    node.declare_parameter('model', '', text(
-        'model file that ~/prediction comes from; may be set while the node runs'))
-    node.declare_parameter('models', Parameter.Type.STRING_ARRAY, text(
-        'more model files, side by side on ~/NAME/prediction: NAME=PATH or PATH'))
-    node.declare_parameter('mode', 'one_step', text(
-        'one_step: from measured outputs up to the sample before; free_run: without them',
-        additional_constraints='one_step or free_run'))
-    node.declare_parameter('wait', 0.1, text(
-        'how long a late input is waited for before its last value is held [s]',
-        floating_point_range=[FloatingPointRange(from_value=0.0, to_value=10.0)]))
-    node.declare_parameter('autostart', True, text(
-        'configure and activate at start, without a lifecycle manager'))
+
+def objection(name: str, value: Any) -> str:
+    """Say why a parameter cannot have a value, or ''."""
+    for setting in SETTINGS:
+        if setting.name == name:
+            return setting.objection(value)
+    return ''
 
 
 class SignalParameters:
     """The parameters `signals.*`, which are those of one plant at a time."""
 
-    def __init__(self, node: Node) -> None:
-        """Declare nothing yet."""
+    def __init__(self, node: Node, overrides: Mapping[str, Parameter]) -> None:
+        """Declare nothing yet; `overrides` are the values that the node was started with."""
         self._node = node
-        self._plant = ''
+        self._overrides = overrides
+        self._plant: Plant | None = None
+        self._declared: list[str] = []
 
-    def read(self, plant: Plant) -> dict[str, SignalMap]:
-        """Read the signal map of a plant; declare it first, unless it was the last one's too.
+    def declare(self, name: str) -> None:
+        """Declare the signals of a plant instead of those of another.
 
         Raises:
-            UserError: a value that no signal map can have.
-            ParameterException: a value of another type.
+            UserError: there is no such plant.
+            ParameterException: a value that the node was started with is of another type.
         """
-        node = self._node
-        if self._plant != plant.name:
-            for key in node.get_parameters_by_prefix('signals'):
-                node.undeclare_parameter(f'signals.{key}')
-            self._plant = plant.name
-        defaults = load_parameters(default_config(plant.name))
-        values = {}
+        node, plant = self._node, plant_named(name)
+        if plant is self._plant:
+            return
+        self._plant = None
+        while self._declared:
+            node.undeclare_parameter(self._declared.pop())
+        defaults = load_parameters(default_config(name))
         for signal in plant.signals:
             for attribute in ('topic', 'type', 'field', 'scale', 'offset'):
-                key = f'signals.{signal.name}.{attribute}'
-                if not node.has_parameter(key):
-                    node.declare_parameter(key, defaults[key], ParameterDescriptor(
-                        description=f'{attribute} of the {signal.meaning} [{signal.unit}]',
-                        dynamic_typing=attribute in ('scale', 'offset')))
-                values[key] = node.get_parameter(key).value
+                key = f'{PREFIX}{signal.name}.{attribute}'
+                node.declare_parameter(key, defaults[key], ParameterDescriptor(
+                    description=f'{attribute} of the {signal.meaning} [{signal.unit}]',
+                    dynamic_typing=attribute in ('scale', 'offset')))
+                self._declared.append(key)
+        self._plant = plant
+
+    def read(self, plant: Plant) -> dict[str, SignalMap]:
+        """Read the signal map of a plant.
+
+        Raises:
+            UserError: a value that no signal map can have, or one for a signal that the plant
+                does not have among those that the node was started with.
+            ParameterException: a value of another type.
+        """
+        self.declare(plant.name)
+        values = {key: given.value for key, given in self._overrides.items()
+                  if key.startswith(PREFIX)}
+        values |= {key: self._node.get_parameter(key).value for key in self._declared}
         return signal_maps(values, [signal.name for signal in plant.signals],
                            'parameters of the node')
+
+    def unknown(self, name: str) -> str:
+        """Say why there is no such signal parameter, or ''."""
+        if not name.startswith(PREFIX) or self._node.has_parameter(name):
+            return ''
+        if self._plant is None:
+            return f"{name}: of which plant? Set the parameter 'model' or 'plant' first"
+        return (f'{name}: the signals of {self._plant.name} are '
+                f'{", ".join(signal.name for signal in self._plant.signals)}, each with topic, '
+                'type, field, scale, offset')
+
+    def ignored(self) -> list[str]:
+        """List what the node was started with and does not know, once it is active."""
+        return [name for name in self._overrides
+                if not self._node.has_parameter(name) and not name.startswith(OFFLINE)]

@@ -5,6 +5,7 @@ from collections.abc import Iterator, Sequence
 import contextlib
 from pathlib import Path
 import signal
+import sys
 import time
 from typing import Any
 
@@ -30,7 +31,8 @@ ACKNOWLEDGED = 2.0   # how long the last messages may take to arrive [s]
 DEPTH = 5000       # messages kept for a listener that is slow, 10 s of them at 500 Hz
 
 
-def play(bag: Path, rate: float = 1.0, loop: bool = False, clock: bool = False) -> dict[str, int]:
+def play(bag: Path, rate: float = 1.0, loop: bool = False, clock: bool = False,
+         ros_arguments: Sequence[str] = ()) -> dict[str, int]:
     """Play a bag until its end, or until interrupted.
 
     Args:
@@ -38,18 +40,24 @@ def play(bag: Path, rate: float = 1.0, loop: bool = False, clock: bool = False) 
         rate: times as fast as recorded.
         loop: begin again at the end.
         clock: publish the bag's time on /clock, for nodes with use_sim_time.
+        ros_arguments: what would follow `--ros-args`: remappings, a name, a namespace.
 
     Returns:
-        Topic -> messages published until then.
+        Topic, as it was published -> messages until then.
 
     Raises:
         BagError: the bag cannot be read.
-        UserError: the rate is not above 0, or a message type of the bag is not installed.
+        UserError: the rate is not above 0, a message type of the bag is not installed, or a ROS
+            argument is wrong.
     """
     if not rate > 0.0:
         raise UserError(f'rate {rate:g}: must be above 0')
     # With rclpy's own handler an interrupt would end the context in the midst of a message.
-    rclpy.init(args=[], signal_handler_options=SignalHandlerOptions.NO)
+    try:
+        rclpy.init(args=[sys.argv[0], '--ros-args', *ros_arguments],
+                   signal_handler_options=SignalHandlerOptions.NO)
+    except RuntimeError as error:   # of rcl
+        raise UserError(str(error)) from error
     for number in (signal.SIGINT, signal.SIGTERM):
         signal.signal(number, signal.default_int_handler)
     # It does not spin, so it must not offer services: whoever called one would wait for ever.
@@ -78,7 +86,7 @@ class _Player:
                 message_class(connection.msgtype), connection.topic, _qos(connection))
             for connection in reader.connections}
         self._clock = node.create_publisher(Clock, '/clock', 10) if clock else None
-        self.count = {connection.topic: 0 for connection in reader.connections}
+        self.count = {publisher.topic_name: 0 for publisher in self._publishers.values()}
 
     def run(self, loop: bool) -> None:
         """Play once, or for ever."""
@@ -87,8 +95,9 @@ class _Player:
             self._node.get_logger().warning('nobody listens to the topics of this bag')
         while True:
             for connection, payload in self._paced():
-                self._publishers[connection.id].publish(payload)
-                self.count[connection.topic] += 1
+                publisher = self._publishers[connection.id]
+                publisher.publish(payload)
+                self.count[publisher.topic_name] += 1
             if not loop:
                 break
         for publisher in publishers:

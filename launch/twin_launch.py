@@ -1,34 +1,55 @@
 """Starts the live twin of one plant."""
 from launch import LaunchDescription
-from launch.actions import DeclareLaunchArgument
-from launch.substitutions import LaunchConfiguration, PathJoinSubstitution
-from launch_ros.actions import Node
+from launch.actions import DeclareLaunchArgument, OpaqueFunction
+from launch.substitutions import LaunchConfiguration
+from launch_ros.actions import LifecycleNode
 from launch_ros.parameter_descriptions import ParameterValue
-from launch_ros.substitutions import FindPackageShare
+
+from hydro_twin.live.settings import SETTINGS
+from hydro_twin.plants import PLANTS
+
+TYPES = {'model': str, 'models': list[str], 'plant': str, 'mode': str, 'wait': float,
+         'autostart': bool, 'use_sim_time': bool}   # parameters that are arguments
+ABOUT = {setting.name: setting.description for setting in SETTINGS}
+MODES = next(setting.choices for setting in SETTINGS if setting.name == 'mode')
 
 
 def generate_launch_description():
     """Describe the node, with what is usually changed as arguments."""
-    plant = LaunchConfiguration('plant')
-    defaults = [PathJoinSubstitution([FindPackageShare('hydro_twin'), 'config', plant]), '.yaml']
-    types = {'model': str, 'models': list[str], 'mode': str, 'use_sim_time': bool}
     return LaunchDescription([
-        DeclareLaunchArgument('model', description='model file, as refit or trace writes it'),
+        DeclareLaunchArgument('model', description=ABOUT['model']),
         DeclareLaunchArgument('models', default_value="['']",
-                              description='more of them, to run beside it: [NAME=PATH, ...]'),
-        DeclareLaunchArgument(
-            'plant', default_value='load_simulator',
-            choices=['load_simulator', 'valve_servo', 'cylinder', 'positioning'],
-            description='plant whose signal map is taken where no config is given'),
-        DeclareLaunchArgument('config', default_value=defaults,
-                              description='parameter file with the signal map of your rig'),
-        DeclareLaunchArgument('mode', default_value='one_step', choices=['one_step', 'free_run'],
-                              description='with or without the measured output'),
-        DeclareLaunchArgument('use_sim_time', default_value='false',
+                              description=f'[NAME=PATH, ...]: {ABOUT["models"]}'),
+        DeclareLaunchArgument('plant', default_value='', choices=['', *PLANTS],
+                              description=ABOUT['plant']),
+        DeclareLaunchArgument('config', default_value='',
+                              description='parameter file with the signal map of your rig; '
+                              'if not given, the one that comes with the plant'),
+        DeclareLaunchArgument('mode', default_value='one_step', choices=MODES,
+                              description=ABOUT['mode']),
+        DeclareLaunchArgument('wait', default_value='0.1', description=ABOUT['wait']),
+        DeclareLaunchArgument('autostart', default_value='true', choices=['true', 'false'],
+                              description=ABOUT['autostart']),
+        DeclareLaunchArgument('use_sim_time', default_value='false', choices=['true', 'false'],
                               description='take the time from /clock'),
-        Node(
-            package='hydro_twin', executable='node', name='hydro_twin', output='screen',
-            parameters=[LaunchConfiguration('config'), {
-                name: ParameterValue(LaunchConfiguration(name), value_type=kind)
-                for name, kind in types.items()}]),
+        DeclareLaunchArgument('name', default_value='hydro_twin', description='of the node'),
+        DeclareLaunchArgument('namespace', default_value='',
+                              description='of the node, and of its topics without a slash'),
+        DeclareLaunchArgument('log_level', default_value='info',
+                              choices=['debug', 'info', 'warn', 'error', 'fatal'],
+                              description='from which severity on the node writes to the log'),
+        OpaqueFunction(function=twin),
     ])
+
+
+def twin(context):
+    """Make the node; it starts itself, by its parameter `autostart`, so launch must not."""
+    parameters = [{name: ParameterValue(LaunchConfiguration(name), value_type=kind)
+                   for name, kind in TYPES.items()
+                   if name != 'plant' or LaunchConfiguration(name).perform(context)}]
+    if config := LaunchConfiguration('config').perform(context):
+        parameters.insert(0, config)
+    return [LifecycleNode(
+        package='hydro_twin', executable='node', output='screen', parameters=parameters,
+        name=LaunchConfiguration('name'), namespace=LaunchConfiguration('namespace'),
+        ros_arguments=['--log-level', LaunchConfiguration('log_level')])]

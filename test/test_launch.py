@@ -2,73 +2,132 @@
 from __future__ import annotations
 
 import argparse
-import ast
+import atexit
+from collections.abc import Callable
 import importlib
 import json
 from pathlib import Path
+import runpy
+import sys
+import tempfile
+from types import ModuleType, SimpleNamespace
 from typing import Any
 from xml.etree import ElementTree as ET
 
 import pytest
 
 from hydro_twin.commands.main import VERBS
+from hydro_twin.live.settings import SETTINGS
+from hydro_twin.plants import PLANTS
 from hydro_twin.share import share_folder
 
 ROOT = share_folder()
-PARAMETERS = ast.parse(
-    (Path(__file__).parents[1] / 'hydro_twin' / 'parameters.py').read_text('utf-8'))
 TOPICS = {'/load_simulator/command', '/load_simulator/joint_states', '/diagnostics',
           *(f'/hydro_twin/{model}{topic}' for model in ('', 'before/')
             for topic in ('prediction', 'residual'))}
 
 
-def calls(tree: ast.AST, name: str) -> list[ast.Call]:
-    return [node for node in ast.walk(tree) if isinstance(node, ast.Call)
-            and getattr(node.func, 'id', getattr(node.func, 'attr', '')) == name]
+class Noted:
+    """Stands in for anything of launch: notes what it was called with."""
+
+    def __init__(self, *args: Any, **words: Any) -> None:
+        self.args = args
+        self.words = words
+
+    def perform(self, context: dict[str, str]) -> str:
+        return context[self.args[0]]
 
 
-def constant(node: Any) -> Any:
-    return node.value if isinstance(node, ast.Constant) else None
+class Noting(ModuleType):
+    """A module of which everything is a class of its own that notes."""
+
+    def __getattr__(self, name: str) -> Any:
+        if name.startswith('__'):
+            raise AttributeError(name)
+        made = type(name, (Noted,), {})
+        setattr(self, name, made)
+        return made
 
 
-def keys(tree: ast.AST) -> set[Any]:
-    return {constant(key) for d in ast.walk(tree) if isinstance(d, ast.Dict) for key in d.keys}
+@pytest.fixture
+def launched(monkeypatch: pytest.MonkeyPatch) -> Callable[[str], dict[str, Any]]:
+    """Run a launch file, without launch."""
+    for name in ('launch', 'launch.actions', 'launch.event_handlers', 'launch.substitutions',
+                 'launch.launch_description_sources', 'launch_ros', 'launch_ros.actions',
+                 'launch_ros.parameter_descriptions', 'launch_ros.substitutions'):
+        monkeypatch.setitem(sys.modules, name, Noting(name))
+    return lambda name: runpy.run_path(str(ROOT / 'launch' / f'{name}_launch.py'))
 
 
-def launched(name: str) -> ast.Module:
-    return ast.parse((ROOT / 'launch' / f'{name}_launch.py').read_text('utf-8'))
+def arguments(launched: Callable[[str], dict[str, Any]]) -> dict[str, dict[str, Any]]:
+    made = launched('twin')['generate_launch_description']()
+    return {action.args[0]: action.words for action in made.args[0]
+            if type(action).__name__ == 'DeclareLaunchArgument'}
 
 
-def arguments(tree: ast.AST) -> set[Any]:
-    return {constant(call.args[0]) for call in calls(tree, 'DeclareLaunchArgument')}
+def node(launched: Callable[[str], dict[str, Any]], **given: str) -> Any:
+    context = {name: words.get('default_value', '')
+               for name, words in arguments(launched).items()} | given
+    made, = launched('twin')['twin'](context)
+    assert type(made).__name__ == 'LifecycleNode'
+    return made
 
 
-def test_the_launch_file_sets_parameters_that_the_node_declares() -> None:
-    tree = launched('twin')
-    node, = calls(tree, 'Node')
-    words = {keyword.arg: constant(keyword.value) for keyword in node.keywords}
-    assert (words['package'], words['executable']) == ('hydro_twin', 'node')
-    declared = {constant(call.args[0]) for call in calls(PARAMETERS, 'declare_parameter')}
-    assert keys(tree) - {'use_sim_time'} <= declared
-    assert arguments(tree) == keys(tree) | {'plant', 'config'}
-    plants = next(ast.literal_eval(k.value) for call in calls(tree, 'DeclareLaunchArgument')
-                  for k in call.keywords if k.arg == 'choices')
-    assert all((ROOT / 'config' / f'{plant}.yaml').is_file() for plant in plants)
+def test_every_plant_is_a_choice_and_what_a_system_sets_is_an_argument(launched: Any) -> None:
+    given = arguments(launched)
+    assert given['plant']['choices'] == ['', *PLANTS]
+    assert {'model', 'models', 'config', 'mode', 'wait', 'use_sim_time', 'autostart', 'namespace',
+            'name', 'log_level'} <= set(given)
+    for setting in SETTINGS:
+        if isinstance(setting.default, str | bool | float) and setting.name != 'model':
+            assert given[setting.name]['default_value'] == (
+                str(setting.default).lower() if isinstance(setting.default, bool)
+                else str(setting.default))
 
 
-def test_the_demonstration_traces_and_plays_a_bag_that_is_there() -> None:
-    tree = launched('demo')
-    joined = ast.unparse(calls(tree, 'PathJoinSubstitution')[0].args[0])
-    _, *path = ast.literal_eval(joined.replace('share', "'share'"))
-    assert (ROOT.joinpath(*path) / 'metadata.yaml').is_file()
-    assert keys(tree) <= arguments(launched('twin'))
-    run = [[constant(word) for word in call.keywords[0].value.elts[1:]]
-           for call in calls(tree, 'ExecuteProcess')]
-    for verb, _, *words in run:
+def test_the_launch_file_sets_parameters_that_the_node_declares(launched: Any) -> None:
+    made = node(launched)
+    assert (made.words['package'], made.words['executable']) == ('hydro_twin', 'node')
+    values, = made.words['parameters']
+    assert set(values) == {s.name for s in SETTINGS} - {'plant'} | {'use_sim_time'}
+    assert {word: made.words[word].args for word in ('name', 'namespace')} == {
+        'name': ('name',), 'namespace': ('namespace',)}
+    level, value = made.words['ros_arguments']
+    assert (level, value.args) == ('--log-level', ('log_level',))
+    config, values = node(launched, config='my_rig.yaml', plant='cylinder').words['parameters']
+    assert config == 'my_rig.yaml'
+    assert 'plant' in values
+
+
+def test_the_demonstration_makes_a_folder_when_it_runs_and_takes_it_away(
+        launched: Any, monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    monkeypatch.setattr(tempfile, 'tempdir', str(tmp_path))
+    at_end: list[Any] = []
+    monkeypatch.setattr(atexit, 'register', lambda *call, **words: at_end.append((call, words)))
+    demo = launched('demo')
+    described, = demo['generate_launch_description']().args[0]
+    assert not list(tmp_path.iterdir())
+    described.words['function'](None)
+    assert len(list(tmp_path.iterdir())) == 1
+    for (function, *args), words in at_end:
+        function(*args, **words)
+    assert not list(tmp_path.iterdir())
+
+
+def test_the_demonstration_traces_and_plays_a_bag_that_is_there(
+        launched: Any, monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    monkeypatch.setattr(tempfile, 'tempdir', str(tmp_path))
+    trace, handler = launched('demo')['demonstration'](None)
+    twin, play = handler.args[0].words['on_exit'](SimpleNamespace(returncode=0), None)
+    assert handler.args[0].words['on_exit'](SimpleNamespace(returncode=2), None) == []
+    assert set(dict(twin.words['launch_arguments'])) <= set(arguments(launched))
+    for verb, action in (('trace', trace), ('replay', play)):
+        _, *path = action.words['cmd'][4].args[0]
+        assert (ROOT.joinpath(*path) / 'metadata.yaml').is_file()
+        assert action.words['cmd'][:4] == ['ros2', 'run', 'hydro_twin', verb]
         parser = argparse.ArgumentParser(exit_on_error=False)
         importlib.import_module(f'hydro_twin.commands.{VERBS[verb][0]}').add_arguments(parser)
-        parser.parse_args(['bag', *(word or 'out' for word in words)])
-    assert [verb for verb, *_ in run] == ['trace', 'replay']
+        parser.parse_args(['bag', *action.words['cmd'][5:]])
 
 
 @pytest.mark.parametrize('path', sorted((ROOT / 'config').glob('foxglove_*.json')))

@@ -220,7 +220,7 @@ def test_played_slowly_by_the_clock_it_keeps_its_rate(rig: Rig, bag: Path, model
         with process('hydro_twin.commands.main', 'replay', str(bag), '--publish', '--loop',
                      '--clock', '--rate', '0.5'):
             rig.until(lambda: [value for message in rig.heard['/diagnostics']
-                               for status in message.status if status.name.endswith(': twin')
+                               for status in message.status if status.name.endswith(': model main')
                                for value in status.values
                                if value.key == 'rate [Hz]' and 400.0 < float(value.value) < 550.0],
                       'it says that it keeps its rate')
@@ -237,6 +237,17 @@ def test_the_player_ends_when_interrupted_and_offers_no_service(rig: Rig, bag: P
         out, err = player.communicate(timeout=PATIENCE)
     assert player.returncode == 0, err
     assert json.loads(out)['played'][INPUTS[0]] > 100
+
+
+def test_the_player_takes_ros_arguments(rig: Rig, bag: Path) -> None:
+    heard = rig.listen('/rig/command', JointState)
+    done = subprocess.run(
+        [sys.executable, '-m', 'hydro_twin.commands.main', 'replay', str(bag), '--publish',
+         '--json', '--rate', '4', '--ros-args', '-r', '/load_simulator/command:=/rig/command',
+         '-r', '__node:=player', '-r', '__ns:=/rig'], capture_output=True, text=True, check=True,
+        timeout=PATIENCE)
+    assert set(json.loads(done.stdout)['played']) == {'/rig/command', INPUTS[1]}
+    rig.until(lambda: heard, 'something came on the other topic')
 
 
 @pytest.mark.parametrize('seconds', [0.5, 1.0, 1.5])
@@ -257,11 +268,12 @@ def test_interrupted_while_it_starts_it_ends_quietly(model: Path, seconds: float
     (['-p', 'wait:=long'], 'wait'),
     (['-p', 'signals.T_g.topic:=3'], 'signals.T_g.topic'),
     (['-p', 'signals.T_g.topic:=/a-b'], '/a-b'),
+    (['-p', 'qos_overrides./hydro_twin/model_info.publisher.history:=some'], 'model_info'),
     (['--params-file', 'absent.yaml'], 'absent.yaml')])
 def test_a_bad_start_is_one_line(model: Path, arguments: list[str], named: str) -> None:
     done = subprocess.run(
         [sys.executable, '-m', 'hydro_twin.commands.main', 'node', '--ros-args', '-p',
-         f'model:={model}', *arguments, '--log-level', 'fatal'],
+         f'model:={model}', *arguments],
         capture_output=True, text=True, timeout=60, check=False)
     assert done.returncode == 2
     *before, line = done.stderr.splitlines()

@@ -123,3 +123,20 @@ def test_a_library_is_bounded_where_its_inside_is_used():
     (spec,) = re.findall(r"'rosbags([^']*)'", (ROOT / 'setup.py').read_text(encoding='utf-8'))
     assert re.fullmatch(r'>=[\d.]+,<0\.12', spec)
     assert distribution('rosbags').version.startswith('0.11.')
+
+
+def test_colcon_finds_the_tests():
+    """It runs pytest where an extra that is called `test` names it."""
+    call = next(node for node in ast.walk(ast.parse((ROOT / 'setup.py').read_text('utf-8')))
+                if isinstance(node, ast.Call) and getattr(node.func, 'id', '') == 'setup')
+    extras = next(ast.literal_eval(word.value) for word in call.keywords
+                  if word.arg == 'extras_require')
+    assert 'pytest' in extras['test']
+    assert {f'python3-{name}' for name in extras['test']} <= manifest('test_depend')
+
+
+def test_the_manifest_names_what_ros_tools_look_for():
+    assert manifest('author')
+    assert all((ROOT / path).is_file() for path in manifest('rosdoc2'))
+    assert manifest('rosdoc2')
+    assert 'ament_flake8' in manifest('test_depend')

@@ -11,7 +11,7 @@ A verb is one module of `hydro_twin.commands`, with three functions:
     show(result, console)    prints the same object for a person, on a `rich.console.Console`.
 
 What goes wrong is raised: a `UserError` becomes one line on standard error and exit status 2.
-`node` is not such a verb: `hydro_twin.node.main(arguments)` gets its arguments untouched.
+`node` is not such a verb: `hydro_twin.spin.main(arguments)` gets its arguments untouched.
 """
 from __future__ import annotations
 
@@ -115,11 +115,12 @@ def _run(verb: str, argv: list[str]) -> int:
 def _node(arguments: list[str]) -> int:
     """Hand over to the ROS node."""
     if {'-h', '--help'} & set(arguments):
-        print(f'usage: {PROG} node [--ros-args -p model:=MODEL ...]\n\n'
-              f'{VERBS["node"][1]}; its parameters are in the README')
+        from hydro_twin.live.settings import overview
+        print(f'usage: {PROG} node [--ros-args [-p NAME:=VALUE] [--params-file FILE] ...]\n\n'
+              f'{VERBS["node"][1]}\n\nparameters:\n{overview()}')
         return 0
-    from hydro_twin.node import main as node_main
-    return node_main(arguments)
+    from hydro_twin.spin import main as spin
+    return spin(arguments)
 
 
 def plain(value: object) -> object:

@@ -38,6 +38,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument('--loop', action='store_true', help='with --publish: for ever')
     parser.add_argument('--clock', action='store_true',
                         help="with --publish: the bag's time on /clock, for use_sim_time")
+    parser.add_argument('--ros-args', nargs=argparse.REMAINDER, default=[], metavar='...',
+                        help='with --publish, and last of all: ROS arguments, as -r FROM:=TO')
 
 
 def run(args: argparse.Namespace) -> dict[str, Any]:
@@ -48,7 +50,9 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
     """
     if args.publish:
         from hydro_twin.player import play
-        return {'played': play(args.bag, args.rate, args.loop, args.clock)}
+        return {'played': play(args.bag, args.rate, args.loop, args.clock, args.ros_args)}
+    if args.ros_args:
+        raise UserError('--ros-args are for --publish')
     if args.model is None:
         raise UserError('a --model is needed, or --publish')
     if args.beside and args.picture is None:

@@ -7,7 +7,9 @@ from enum import IntEnum
 import math
 
 from hydro_twin.live.live import Feed, Live
-from hydro_twin.live.twin import Twin
+from hydro_twin.live.twin import MAIN, Twin
+
+TIME = 'time'   # the part that says whether time runs on
 
 
 class Level(IntEnum):
@@ -27,6 +29,14 @@ class Status:
     level: Level
     message: str
     values: Mapping[str, str] = field(default_factory=dict)
+
+
+def _input_part(feed: Feed) -> str:
+    return f'input {feed.topic}'
+
+
+def _model_part(twin: Twin) -> str:
+    return f'model {twin.name or MAIN}'
 
 
 class Diagnosis:
@@ -51,6 +61,11 @@ class Diagnosis:
         statuses.append(self._time())
         statuses += [self._twin(twin, elapsed) for twin in self.twins]
         return statuses
+
+    def inactive(self) -> list[Status]:
+        """Say of the same parts that nothing is asked of them now."""
+        parts = [*map(_input_part, self.live.feeds), TIME, *map(_model_part, self.twins)]
+        return [Status(part, Level.OK, 'inactive') for part in parts]
 
     def _new(self, owner: object, counter: str) -> int:
         """Return by how much a counter has grown since the last time."""
@@ -88,7 +103,7 @@ class Diagnosis:
         for track in feed.tracks:
             for counter in ('duplicates', 'reordered', 'not_finite', 'late', 'filled'):
                 values[f'{track.name} {counter}'] = f'{getattr(track, counter)}'
-        return Status(f'input {feed.topic}', level, '; '.join(faults) or 'coming in', values)
+        return Status(_input_part(feed), level, '; '.join(faults) or 'coming in', values)
 
     def _time(self) -> Status:
         """Say whether time runs on."""
@@ -97,10 +112,10 @@ class Diagnosis:
         begun = self._new(aligner, 'series')
         values = {'series begun': f'{aligner.series}', 'jumps back': f'{aligner.jumps}'}
         if jumped:
-            return Status('time', Level.WARN, f'reset: {aligner.reason}', values)
+            return Status(TIME, Level.WARN, f'reset: {aligner.reason}', values)
         if begun and aligner.series > 1:
-            return Status('time', Level.WARN, 'reset after a gap in the inputs', values)
-        return Status('time', Level.OK, 'runs on', values)
+            return Status(TIME, Level.WARN, 'reset after a gap in the inputs', values)
+        return Status(TIME, Level.OK, 'runs on', values)
 
     def _twin(self, twin: Twin, elapsed: float) -> Status:
         """Say how one twin does."""
@@ -108,7 +123,8 @@ class Diagnosis:
         diverged = self._new(twin, 'divergences')
         monitor = twin.monitor
         wanted = 1.0 / twin.predictor.sample_time
-        values = {'mode': twin.mode, 'rate [Hz]': f'{made / elapsed:.1f}',
+        values = {'file': f'{twin.about.get("path", "")}', 'mode': twin.mode,
+                  'rate [Hz]': f'{made / elapsed:.1f}',
                   'rate wanted [Hz]': f'{wanted:.1f}', 'predictions': f'{twin.predictions}',
                   'divergences': f'{twin.divergences}'}
         level, message = Level.OK, 'holds'
@@ -132,4 +148,4 @@ class Diagnosis:
             level, message = Level.WARN, 'no predictions: waiting for inputs'
         elif made < 0.9 * wanted * elapsed and level is Level.OK:
             level, message = Level.WARN, f'{made / elapsed:.1f} of {wanted:g} predictions a second'
-        return Status(f'twin {twin.name}'.rstrip(), level, message, values)
+        return Status(_model_part(twin), level, message, values)

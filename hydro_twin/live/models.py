@@ -7,7 +7,7 @@ from pathlib import Path
 import re
 
 from hydro_twin.errors import ModelError
-from hydro_twin.live.twin import Twin
+from hydro_twin.live.twin import MAIN, Twin
 from hydro_twin.model import document
 from hydro_twin.predictors.predictor import load
 from hydro_twin.recording.digest import source_of
@@ -36,6 +36,8 @@ def choices(model: str, models: Sequence[str]) -> list[Choice]:
         name = name if equals else re.sub(r'\W', '_', file.stem)
         if not re.fullmatch(r'[A-Za-z]\w*', name):
             raise ModelError(f'models: {name!r} cannot name a topic; write NAME={file}')
+        if name == MAIN:
+            raise ModelError(f"models: {name} is the parameter 'model'; write OTHER_NAME={file}")
         if name in [choice.name for choice in chosen]:
             raise ModelError(f'models: {name} is there twice; write OTHER_NAME={file}')
         chosen.append(Choice(name, file))
@@ -73,16 +75,35 @@ def same_inputs(twin: Twin, other: Twin) -> None:
             raise ModelError(f'{what} is {ours}, that of the running model is {theirs}')
 
 
-def taste(path: Path, plant: str) -> str:
-    """Look at a model file, in no time; the reason to refuse it, or ''."""
+def plant_of(path: Path) -> str:
+    """Look at a model file, in no time, for the name of its plant.
+
+    Raises:
+        ModelError: it cannot be read, or is no model file.
+    """
     try:
         with path.open('rb') as file:
             head = file.read(TASTE)
     except OSError as error:
-        return f'{path}: no model file can be read there ({error.strerror})'
+        raise ModelError(f'{path}: no model file can be read there ({error.strerror})') from None
     found = re.search(rb'^plant:\s*[\'"]?(\w+)', head, re.MULTILINE)
     if not found:
-        return f'{path}: not a model file (no "plant" in it)'
-    if found[1].decode() != plant:
-        return f'{path}: a model of {found[1].decode()}; the node runs {plant}'
-    return ''
+        raise ModelError(f'{path}: not a model file (no "plant" in it)')
+    return found[1].decode()
+
+
+def taste(path: Path, plant: str) -> str:
+    """Look at a model file, in no time; the reason to refuse it, or ''."""
+    try:
+        found = plant_of(path)
+    except ModelError as error:
+        return str(error)
+    return '' if found == plant else f'{path}: a model of {found}; the node runs {plant}'
+
+
+def same_file(path: Path, twin: Twin) -> bool:
+    """Say whether a file is still the one that a running twin was loaded from, or is gone."""
+    try:
+        return bool(source_of(path).sha256 == twin.about['sha256'])
+    except OSError:
+        return True

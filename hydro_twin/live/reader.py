@@ -2,13 +2,10 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from functools import cache
 import struct
 from typing import Any
 
-from rosbags.typesys import get_typestore, Stores
-from rosbags.typesys.store import Typestore
-
+from hydro_twin.live.messages import typestore
 from hydro_twin.recording.bag import STAMP
 from hydro_twin.recording.cdr import lay_out, Leaf
 from hydro_twin.recording.signals import SignalMap
@@ -16,11 +13,6 @@ from hydro_twin.recording.signals import SignalMap
 Values = Sequence[float | None]
 CODES = {'u1': 'B', 'i1': 'b', 'u2': 'H', 'i2': 'h', 'u4': 'I', 'i4': 'i', 'u8': 'Q', 'i8': 'q',
          'f4': 'f', 'f8': 'd'}   # numpy's name of a type -> struct's
-
-
-@cache
-def _typestore() -> Typestore:
-    return get_typestore(Stores.ROS2_JAZZY)
 
 
 class Reader:
@@ -67,7 +59,7 @@ class Reader:
     def _learn(self, payload: bytes) -> None:
         """Find out where everything lies in messages like this one."""
         self._size = -1
-        layout = lay_out(payload, self._signals[0].type, _typestore())
+        layout = lay_out(payload, self._signals[0].type, typestore())
         self._values = _unpacker([layout.leaf(signal.field) for signal in self._signals])
         stamp = [layout.leaves.get(path) for path in STAMP]
         self._stamp = _unpacker(stamp) if all(stamp) else None

@@ -11,6 +11,7 @@ from hydro_twin.live.monitor import Monitor
 from hydro_twin.plants.plant import FloatArray
 from hydro_twin.predictors.predictor import Predictor
 
+MAIN = 'main'      # what diagnostics call the twin without a name
 ABSURD = 1000.0   # times a typical large output: a prediction beyond it has diverged
 
 

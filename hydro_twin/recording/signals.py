@@ -2,7 +2,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, fields, replace
 import math
 from pathlib import Path
 import re
@@ -89,12 +89,18 @@ def load_signals(plant: str, names: Sequence[str], config: Path | None = None,
         config: the file, as the node reads it: `/**: ros__parameters: signals: ...`.
 
     Raises:
-        UserError: the file cannot be read, or a signal in it is unknown or wrong.
+        UserError: the file cannot be read, is for another plant, or a signal in it is unknown or
+            wrong.
     """
     parameters = load_parameters(default_config(plant))
     if config is not None:
         parameters |= load_parameters(config)
-    return signal_maps(parameters, names, str(config or default_config(plant)))
+    source = str(config or default_config(plant))
+    if parameters['plant'] not in ('', plant):
+        raise UserError(f'{source}: for the plant {parameters["plant"]}, not {plant}')
+    # A name without a slash is relative to the namespace of the node, which a bag does not have.
+    return {name: replace(where, topic=f'/{where.topic.removeprefix("/")}') for name, where in
+            signal_maps(parameters, names, source).items()}
 
 
 def signal_maps(parameters: Mapping[str, Any], names: Sequence[str], source: str,
@@ -136,7 +142,7 @@ def _signal_map(name: str, given: Mapping[str, Any], source: str) -> SignalMap:
     offset = number(given.get('offset', 0.0), f'{source}: signal {name}: offset')
     if scale == 0.0:
         raise UserError(f'{source}: signal {name}: scale must not be zero')
-    return SignalMap(topic if topic.startswith('/') else f'/{topic}', type_, field, scale, offset)
+    return SignalMap(topic, type_, field, scale, offset)
 
 
 def load_constants(plant: str, config: Path | None = None) -> dict[str, float]:

@@ -190,3 +190,18 @@ def test_a_picture_of_two_plants_is_refused(bag, model, tmp_path, capsys):
 def test_another_model_needs_a_picture(bag, model, capsys):
     status, _, err = replay(capsys, bag, '--model', model, '--beside', model)
     assert (status, err) == (2, 'hydro-twin replay: --beside is for a --picture\n')
+
+
+def test_ros_arguments_are_for_publishing(capsys):
+    assert main(['replay', 'bag', '--ros-args', '-r', 'a:=b']) == 2
+    assert capsys.readouterr().err == 'hydro-twin replay: --ros-args are for --publish\n'
+
+
+def test_a_wrong_ros_argument_is_one_line(capsys):
+    pytest.importorskip('rclpy')
+    assert main(['replay', 'bag', '--publish', '--ros-args', '-r', 'a:=']) == 2
+    _, err = capsys.readouterr()
+    *before, line = err.splitlines()
+    assert line.startswith('hydro-twin replay: ')
+    assert 'a:=' in line
+    assert all('[rcl]' in part for part in before)

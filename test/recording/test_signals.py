@@ -3,7 +3,13 @@ import pytest
 
 from hydro_twin.errors import UserError
 from hydro_twin.plants import PLANTS
-from hydro_twin.recording.signals import load_constants, load_parameters, load_signals, SignalMap
+from hydro_twin.recording.signals import (
+    default_config,
+    load_constants,
+    load_parameters,
+    load_signals,
+    SignalMap,
+)
 
 JOINT_STATE = 'sensor_msgs/msg/JointState'
 DEFAULTS = {   # the contract
@@ -107,3 +113,19 @@ def test_raw_undoes_of():
     signal = SignalMap('/t', JOINT_STATE, 'data', scale=4.0, offset=-3.0)
     assert signal.of(2.0) == 5.0
     assert signal.raw(5.0) == 2.0
+
+
+def test_a_file_for_another_plant_is_refused_even_if_its_signals_have_the_same_names(tmp_path):
+    path = tmp_path / 'mine.yaml'
+    path.write_text(default_config('control_valve').read_text('utf-8'), 'utf-8')
+    names = ['command', 'opening']
+    assert load_signals('control_valve', names, path)['command'].topic == '/control_valve/command'
+    with pytest.raises(UserError, match='control_valve, not valve_servo'):
+        load_signals('valve_servo', names, path)
+
+
+def test_default_topics_are_in_the_namespace_of_the_node():
+    for plant in PLANTS:
+        for name, value in load_parameters(default_config(plant)).items():
+            if name.endswith('.topic'):
+                assert value.startswith(f'{plant}/')

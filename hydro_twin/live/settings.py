@@ -1,0 +1,68 @@
+"""The parameters of the node, its signals aside: name, default, meaning, limits."""
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+
+@dataclass(frozen=True)
+class Setting:
+    """One parameter.
+
+    Attributes:
+        default: of a list of texts, a tuple; one empty text stands for none.
+        choices: all that a text may be, if that is known here.
+        bounds: of a number, both included.
+        read_only: it is read at the start of the node and never again.
+    """
+
+    name: str
+    default: str | float | bool | tuple[str, ...]
+    description: str
+    choices: tuple[str, ...] = ()
+    bounds: tuple[float, float] | None = None
+    read_only: bool = False
+
+    def objection(self, value: object) -> str:
+        """Say why the parameter cannot have a value of the right type, or ''."""
+        if self.choices and value not in self.choices:
+            return f'{self.name} {value!r}: there are {" and ".join(self.choices)}'
+        if self.bounds is None:
+            return ''
+        low, high = self.bounds
+        if isinstance(value, bool) or not isinstance(value, int | float) \
+                or not low <= value <= high:
+            return f'{self.name} {value!r}: a number from {low:g} to {high:g} is needed'
+        return ''
+
+
+SETTINGS = (
+    Setting('model', '', 'model file that ~/prediction comes from; may be set while the node '
+            'runs, and is swapped between two samples'),
+    Setting('models', ('',), 'more model files, side by side on ~/NAME/prediction: NAME=PATH or '
+            'PATH'),
+    Setting('plant', '', 'plant that the models must be of; if not given, that of the model'),
+    Setting('mode', 'one_step', 'one_step: from measured outputs up to the sample before; '
+            'free_run: from commands only; may be set while the node runs',
+            choices=('one_step', 'free_run')),
+    Setting('wait', 0.1, 'how long a late input is waited for before its last value is held [s]; '
+            'may be set while the node runs', bounds=(0.0, 10.0)),
+    Setting('autostart', True, 'configure and activate at the start; false leaves both to a '
+            'lifecycle manager', read_only=True),
+)
+SIGNAL = 'signals.SIGNAL.{topic, type, field, scale, offset}'
+SIGNAL_DESCRIPTION = 'where each signal of the plant is found; defaults as in config/PLANT.yaml'
+
+
+def overview() -> str:
+    """List the parameters for `hydro-twin node --help`."""
+    import textwrap
+
+    lines = []
+    for name, default, about in [
+            *((s.name, str(s.default).lower() if isinstance(s.default, bool) else s.default,
+               s.description) for s in SETTINGS),
+            (SIGNAL, '', SIGNAL_DESCRIPTION)]:
+        said = about if default in ('', ('',)) else f'{about} (default: {default})'
+        lines += [f'  {name}', *textwrap.wrap(said, 79, initial_indent=' ' * 6,
+                                              subsequent_indent=' ' * 6)]
+    return '\n'.join(lines)

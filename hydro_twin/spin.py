@@ -1,0 +1,70 @@
+"""Starts the node as a process, and spins it until it is stopped."""
+from __future__ import annotations
+
+from collections.abc import Sequence
+import signal
+import sys
+
+import rclpy
+from rclpy.exceptions import ParameterException
+from rclpy.executors import Executor, SingleThreadedExecutor
+from rclpy.signals import SignalHandlerOptions
+
+from hydro_twin.errors import UserError
+from hydro_twin.node import TwinNode
+
+SWITCH = 5e-4    # for how long the other thread may keep a message waiting [s]
+
+
+def make_executor() -> Executor:
+    """Take the executor that costs a message a sixth of the other, where this rclpy has it."""
+    try:
+        from rclpy.experimental.events_executor import EventsExecutor
+    except ImportError:
+        return SingleThreadedExecutor()
+    return EventsExecutor()
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Run the node until it is shut down.
+
+    Args:
+        arguments: ROS arguments; by default those of this process.
+
+    Raises:
+        UserError: it starts itself, and the models or parameters do not allow it.
+    """
+    stopped = False
+
+    def stop(*_: object) -> None:
+        nonlocal stopped
+        stopped = True
+
+    # An exception in a callback would abort the EventsExecutor, so no signal may raise one; and
+    # rclpy's own handlers would end the context while the node still starts.
+    for number in (signal.SIGINT, signal.SIGTERM):
+        signal.signal(number, stop)
+    try:
+        rclpy.init(args=None if arguments is None else [sys.argv[0], *arguments],
+                   signal_handler_options=SignalHandlerOptions.NO)
+        node = TwinNode()
+    except (RuntimeError, ParameterException, UserError) as error:   # rcl's are RuntimeErrors
+        rclpy.try_shutdown()
+        raise UserError(str(error)) from error
+    sys.setswitchinterval(SWITCH)
+    try:
+        if node.get_parameter('autostart').value:
+            node.start()
+        executor = make_executor()
+        executor.add_node(node)
+        # spin() of some EventsExecutors hangs under full load; spin_once() does not.
+        while not stopped:
+            executor.spin_once(timeout_sec=0.2)
+    finally:
+        node.destroy_node()
+        rclpy.try_shutdown()
+    return 0
+
+
+if __name__ == '__main__':
+    sys.exit(main())

@@ -1,0 +1,118 @@
+"""The topics of the node: its inputs while it is active, its outputs while it is configured."""
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager
+from dataclasses import replace
+from typing import Any
+
+from rclpy.exceptions import NameValidationException, ParameterException
+from rclpy.lifecycle import LifecycleNode, LifecyclePublisher
+from rclpy.qos import QoSProfile, ReliabilityPolicy
+from rclpy.qos_overriding_options import QoSOverridingOptions
+from rclpy.subscription import Subscription
+from rclpy.validate_topic_name import validate_topic_name
+from sensor_msgs.msg import JointState
+
+from hydro_twin.errors import UserError
+from hydro_twin.live.live import Feed
+from hydro_twin.live.messages import check_field, message_class
+from hydro_twin.live.outlet import Outlet
+from hydro_twin.live.twin import Twin
+from hydro_twin.recording.signals import SignalMap
+
+DEPTH = 200      # messages: a hiccup of 400 ms at 500 Hz
+OVERRIDES = QoSOverridingOptions.with_default_policies()
+
+
+@contextmanager
+def blamed(topic: str) -> Iterator[None]:
+    """Turn what rclpy raises for a name or a QoS override of the user's into a line.
+
+    Raises:
+        UserError: instead of that.
+    """
+    try:
+        yield
+    except (RuntimeError, TypeError, ValueError, ParameterException,
+            NameValidationException) as error:
+        raise UserError(f'topic {topic}: {" ".join(str(error).split())}') from error
+
+
+class Topics:
+    """Makes subscriptions and publishers, and takes them away."""
+
+    def __init__(self, node: LifecycleNode) -> None:
+        """Make nothing yet."""
+        self._node = node
+        self._given: dict[str, str] = {}   # resolved name -> as it was given
+        self._inputs: dict[str, Subscription] = {}
+        self._outputs: list[LifecyclePublisher] = []
+
+    def resolved(self, signals: Mapping[str, SignalMap]) -> dict[str, SignalMap]:
+        """Check where signals are to be found, and name their topics as they are subscribed to.
+
+        Raises:
+            UserError: a message type is not installed or lacks the field, or a name is no topic.
+        """
+        found: dict[str, SignalMap] = {}
+        types: dict[str, str] = {}
+        for name, where in signals.items():
+            with blamed(where.topic):
+                validate_topic_name(where.topic)
+                topic = self._node.resolve_topic_name(where.topic)
+            try:
+                check_field(where)
+            except UserError as error:
+                raise UserError(f'signal {name}: {error}') from None
+            if types.setdefault(topic, where.type) != where.type:
+                raise UserError(f'topic {topic} cannot be {types[topic]} and {where.type}')
+            self._given[topic] = where.topic
+            found[name] = replace(where, topic=topic)
+        return found
+
+    def listen(self, feed: Feed, callback: Callable[[bytes], None]) -> None:
+        """Subscribe to a topic that `resolved` has named.
+
+        Raises:
+            UserError: a QoS override is wrong.
+        """
+        with blamed(feed.topic):
+            self._inputs[feed.topic] = self._node.create_subscription(
+                message_class(feed.type), self._given[feed.topic], callback,
+                QoSProfile(depth=DEPTH, reliability=ReliabilityPolicy.BEST_EFFORT), raw=True,
+                qos_overriding_options=OVERRIDES)
+
+    def outlet(self, twin: Twin) -> Outlet:
+        """Create the topics of a twin.
+
+        Raises:
+            UserError: a QoS override is wrong.
+        """
+        prefix = f'~/{twin.name}/' if twin.name else '~/'
+        prediction, residual = (self._output(f'{prefix}{topic}')
+                                for topic in ('prediction', 'residual'))
+        return Outlet(twin, prediction.publish, residual.publish)
+
+    def _output(self, topic: str) -> Any:
+        with blamed(self._node.resolve_topic_name(topic)):
+            self._outputs.append(self._node.create_lifecycle_publisher(
+                JointState, topic, QoSProfile(depth=DEPTH), qos_overriding_options=OVERRIDES))
+        return self._outputs[-1]
+
+    def publishers(self) -> dict[str, int]:
+        """Count who publishes on each topic that is listened to."""
+        return {topic: subscription.get_publisher_count()
+                for topic, subscription in list(self._inputs.items())}
+
+    def stop_listening(self) -> None:
+        """Unsubscribe."""
+        while self._inputs:
+            self._node.destroy_subscription(self._inputs.popitem()[1])
+
+    def close(self) -> None:
+        """Unsubscribe, and publish no more."""
+        self.stop_listening()
+        while self._outputs:
+            self._node.destroy_lifecycle_publisher(self._outputs.pop())
+        self._given.clear()

@@ -1,0 +1,161 @@
+"""The parameters of the node, in this process and without a model: nothing here predicts."""
+from __future__ import annotations
+
+from collections.abc import Iterator
+import contextlib
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+rclpy = pytest.importorskip('rclpy')
+
+from rclpy.parameter import Parameter  # noqa: E402,I100
+from ros_rig import own_domain  # noqa: E402
+
+from hydro_twin.errors import UserError  # noqa: E402
+from hydro_twin.model import Estimate, Model, write_model  # noqa: E402
+from hydro_twin.node import TwinNode  # noqa: E402
+from hydro_twin.plants import plant_named  # noqa: E402
+
+# What rclpy imports imports what is out of date.
+pytestmark = pytest.mark.filterwarnings("ignore:module 'sre_")
+
+
+@contextlib.contextmanager
+def running(*arguments: str) -> Iterator[TwinNode]:
+    """Make a node that does not spin."""
+    with own_domain():
+        rclpy.init(args=['test', '--ros-args', '--log-level', 'fatal', *arguments])
+        try:
+            node = TwinNode()
+            try:
+                yield node
+            finally:
+                node.destroy_node()
+        finally:
+            rclpy.try_shutdown()
+
+
+def set_(node: TwinNode, name: str, value: Any) -> Any:
+    """Set a parameter as the service of the node does."""
+    return node.set_parameters_atomically([Parameter(name, value=value)])
+
+
+@pytest.fixture
+def model(tmp_path: Path) -> Path:
+    return write(tmp_path, 'load_simulator')
+
+
+def write(folder: Path, name: str) -> Path:
+    plant = plant_named(name)
+    values = {p.name: Estimate((p.lower + p.upper) / 2) for p in plant.parameters}
+    path = folder / f'{name}.yaml'
+    write_model(Model(plant, values, plant.constant_values(), plant.sample_time), path)
+    return path
+
+
+def test_signals_can_be_set_before_the_node_is_configured(model: Path) -> None:
+    with running('-p', f'model:={model}') as node:
+        assert set_(node, 'signals.u_m.topic', '/my/command').successful
+        assert node.get_parameter('signals.u_m.topic').value == '/my/command'
+        refused = set_(node, 'signals.u_n.topic', '/my/command')
+        assert not refused.successful
+        assert 'u_m, theta_d, T_g' in refused.reason
+        other = write(model.parent, 'cylinder')
+        assert set_(node, 'model', str(other)).successful
+        assert set_(node, 'signals.x.topic', '/my/piston').successful
+        assert not node.has_parameter('signals.u_m.topic')
+
+
+def test_signals_of_no_plant_say_what_to_set_first() -> None:
+    with running() as node:
+        refused = set_(node, 'signals.u_m.topic', '/my/command')
+        assert not refused.successful
+        assert "'model' or 'plant'" in refused.reason
+        assert not set_(node, 'plant', 'no_such_plant').successful
+        assert set_(node, 'plant', 'load_simulator').successful
+        assert set_(node, 'signals.u_m.topic', '/my/command').successful
+
+
+@pytest.mark.parametrize(('arguments', 'said'), [
+    (['signals.u_n.topic:=/x'], "no signal 'u_n'"),
+    (['signals.u_m.topik:=/x'], "no 'topik'"),
+    (['plant:=valve_servo'], 'a model of load_simulator'),
+    (['signals.T_g.field:=effort[0].x'], 'signal T_g: sensor_msgs/msg/JointState has no number'),
+    (['signals.T_g.topic:=/a-b'], '/a-b'),
+    (['signals.T_g.type:=std_msgs/msg/Float64', 'signals.T_g.field:=data'], 'cannot be'),
+    (['qos_overrides./hydro_twin/prediction.publisher.reliability:=sometimes'],
+     'topic /hydro_twin/prediction: '),
+    (['qos_overrides./load_simulator/command.subscription.history:=some'],
+     'topic /load_simulator/command: '),
+    (['qos_overrides./load_simulator/command.subscription.depth:=-3'],
+     'topic /load_simulator/command: ')])
+def test_what_is_wrong_is_a_line_when_the_node_starts(model: Path, arguments: list[str],
+                                                      said: str) -> None:
+    flags = [word for argument in arguments for word in ('-p', argument)]
+    with running('-p', f'model:={model}', *flags) as node:
+        with pytest.raises(UserError, match=r'\A.*\Z') as caught:
+            node.start()
+        assert said in str(caught.value)
+
+
+def test_inputs_are_named_as_they_are_subscribed_to(model: Path) -> None:
+    with running('-p', f'model:={model}', '-r', '__ns:=/rig', '-r',
+                 'load_simulator/command:=/elsewhere/command') as node:
+        node.start()
+        inputs = {'/elsewhere/command', '/rig/load_simulator/joint_states'}
+        assert {topic for topic, _ in node.get_subscriber_names_and_types_by_node(
+            'hydro_twin', '/rig')} >= inputs
+        diagnosis = node._diagnosis
+        assert diagnosis is not None
+        assert {status.part for status in diagnosis.statuses(0, 1.0, {})} >= {
+            f'input {topic}' for topic in inputs}
+
+
+def test_an_inactive_node_says_so_and_alarms_nobody(model: Path,
+                                                    monkeypatch: pytest.MonkeyPatch) -> None:
+    with running('-p', f'model:={model}') as node:
+        node.start()
+        node._worker.stop()   # which diagnoses by itself
+        said: list[Any] = []
+        monkeypatch.setattr(node._announcer._diagnostics, 'publish', said.append)
+        for trigger in (node.trigger_deactivate, node.trigger_activate):
+            node._diagnose(1.0)
+            trigger()
+        node._diagnose(1.0)
+        active, inactive, again = ([(s.name, ord(s.level), s.message) for s in message.status]
+                                   for message in said)
+        assert {name for name, _, _ in active} == {f'hydro_twin: {part}' for part in (
+            'input /load_simulator/command', 'input /load_simulator/joint_states', 'time',
+            'model main')}
+        assert any(level > 0 for _, level, _ in active)   # nothing has come
+        assert inactive == [(name, 0, 'inactive') for name, _, _ in active]
+        assert [name for name, _, _ in again] == [name for name, _, _ in active]
+        assert {s.hardware_id for message in said for s in message.status} == {'load_simulator'}
+
+
+def test_setting_all_parameters_to_what_they_are_does_nothing(
+        model: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    with running('-p', f'model:={model}', '-p', 'wait:=1') as node:
+        node.start()
+        jobs: list[object] = []
+        monkeypatch.setattr(node._worker, 'do', jobs.append)
+        names = node.list_parameters([], 0).names
+        assert {'autostart', 'models', 'signals.u_m.topic', 'use_sim_time'} <= set(names)
+        assert any(name.startswith('qos_overrides.') for name in names)
+        for parameter in node.get_parameters(names):
+            assert node.set_parameters_atomically([parameter]).successful, parameter.name
+        assert not jobs
+        model.write_text(model.read_text('utf-8') + '\n', 'utf-8')   # the file is another one
+        assert set_(node, 'model', str(model)).successful
+        assert len(jobs) == 1
+
+
+def test_a_wait_may_be_whole_and_autostart_is_read_once() -> None:
+    with running('-p', 'wait:=1') as node:
+        assert set_(node, 'wait', 2).successful
+        assert not set_(node, 'wait', 11).successful
+        refused = set_(node, 'autostart', False)
+        assert not refused.successful
+        assert 'read-only' in refused.reason
