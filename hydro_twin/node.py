@@ -41,6 +41,7 @@ from hydro_twin.live.twin import Twin
 from hydro_twin.live.worker import Worker
 from hydro_twin.parameters import declare_parameters, SignalParameters
 from hydro_twin.predictors.predictor import MODES
+from hydro_twin.recording.clock import check_live
 
 DEPTH = 200      # messages: a hiccup of 400 ms at 500 Hz
 TICK = 0.05      # how often the steady timer looks for inputs that are late [s]
@@ -144,6 +145,7 @@ class TwinNode(LifecycleNode):
         for twin in twins:
             same_inputs(twin, twins[0])
         predictor = twins[0].predictor
+        check_live(self.get_parameter_or('sample_time').value, predictor.sample_time)
         signals = self._signals.read(predictor.plant)
         for where in signals.values():
             message_class(where.type)

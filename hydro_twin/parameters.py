@@ -26,6 +26,9 @@ def declare_parameters(node: Node) -> None:
     node.declare_parameter('wait', 0.1, text(
         'how long a late input is waited for before its last value is held [s]',
         floating_point_range=[FloatingPointRange(from_value=0.0, to_value=10.0)]))
+    node.declare_parameter('sample_time', None, text(
+        'clock of the job [s], for the offline verbs that read the same file; the node takes that '
+        'of its model, and refuses another', dynamic_typing=True))
     node.declare_parameter('autostart', True, text(
         'configure and activate at start, without a lifecycle manager'))
 

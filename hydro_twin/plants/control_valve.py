@@ -50,4 +50,5 @@ CONTROL_VALVE = Plant(
     ),
     laws=laws,
     at_rest=(),
+    finest=0.02,        # five samples in the shortest lag that is physical
 )

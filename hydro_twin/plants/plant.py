@@ -105,6 +105,8 @@ class Plant:
     """One kind of actuator.
 
     Attributes:
+        sample_time: [s], of a job where neither a configuration, nor a recording, nor a model says
+            otherwise (`recording.clock`).
         inputs: in the order of the columns of B.
         laws: parameters and constants by name -> the linear laws.
         combinations: groups of parameters that act only together, whatever is recorded, as the
@@ -112,6 +114,8 @@ class Plant:
         at_rest: the states whose rate is taken as zero at the first sample; with the measured
             output they give the state at which a run starts.
         output_scale: a typical large output, by which networks scale theirs.
+        finest: the shortest sample time [s] that a recording of this plant is worth: a faster one
+            is read at this. 0 stands for `sample_time`.
     """
 
     name: str
@@ -127,6 +131,7 @@ class Plant:
     at_rest: tuple[str, ...]
     combinations: tuple[Mapping[str, int], ...] = ()
     output_scale: float = 1.0
+    finest: float = 0.0
 
     @property
     def signals(self) -> tuple[Signal, ...]:

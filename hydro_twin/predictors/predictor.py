@@ -4,6 +4,7 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Protocol
 
+from hydro_twin.errors import ModelError
 from hydro_twin.model import Model, read_model
 from hydro_twin.plants import Plant
 from hydro_twin.plants.plant import FloatArray
@@ -71,10 +72,21 @@ def make_predictor(model: Model, folder: Path) -> Predictor:
     return load_network_predictor(model, folder)
 
 
-def load(path: Path) -> Predictor:
+def load(path: Path, sample_time: float | None = None) -> Predictor:
     """Read a model file and make its predictor.
 
+    Args:
+        path: of the model file.
+        sample_time: [s] at which it is to run; its own by default.
+
     Raises:
-        ModelError: the file or its weights cannot be used; one line says why.
+        ModelError: the file or its weights cannot be used, or the model has a network, which
+            cannot run at that sample time; one line says which.
     """
-    return make_predictor(read_model(path), path.parent)
+    model = read_model(path)
+    if sample_time is not None:
+        try:
+            model = model.at(sample_time)
+        except ModelError as error:
+            raise ModelError(f'{path}: {error}') from error
+    return make_predictor(model, path.parent)

@@ -5,16 +5,15 @@ from collections.abc import Collection, Mapping, Sequence
 from pathlib import Path
 
 from hydro_twin.errors import BagError
-from hydro_twin.recording.bag import read_signals
+from hydro_twin.recording.bag import read_signals, Samples
 from hydro_twin.recording.digest import source_of
-from hydro_twin.recording.grid import MIN_SAMPLES, slowness, to_grid
+from hydro_twin.recording.grid import MIN_SAMPLES, to_grid
 from hydro_twin.recording.series import Recording
 from hydro_twin.recording.signals import SignalMap
 
 
 def read_recording(paths: Sequence[Path], signals: Mapping[str, SignalMap], held: Collection[str],
-                   sample_time: float, optional: Collection[str] = (),
-                   paced_by: str | None = None) -> Recording:
+                   sample_time: float, optional: Collection[str] = ()) -> Recording:
     """Read bags, put their signals on a uniform grid, and split them at gaps.
 
     Args:
@@ -23,20 +22,22 @@ def read_recording(paths: Sequence[Path], signals: Mapping[str, SignalMap], held
         held: the signals that keep their value until the next (commands).
         sample_time: of the grid [s].
         optional: signals that a bag may lack; its series then have no column for them.
-        paced_by: a signal than which the grid may be no finer, by whole sample times: what lies
-            between its samples would be made up.
 
     Raises:
         BagError: a bag cannot be read, or lacks a signal, or holds no stretch with all of them.
     """
     samples = [read_signals(Path(path), signals, optional) for path in paths]
-    if paced_by is not None:
-        sample_time *= max(slowness(found[paced_by], sample_time) for found in samples)
+    return on_grid(paths, samples, held, sample_time)
+
+
+def on_grid(paths: Sequence[Path], samples: Sequence[Mapping[str, Samples]],
+            held: Collection[str], sample_time: float) -> Recording:
+    """Put the signals of bags, as `read_signals` gives them, on a grid; see `read_recording`."""
     series = []
     for path, there in zip(paths, samples, strict=True):
         found = to_grid(there, held, sample_time, str(path))
         if not found:
             raise BagError(f'{path} holds no {MIN_SAMPLES} samples in a row, {sample_time:g} s '
-                           f'apart, with all of {", ".join(signals)}')
+                           f'apart, with all of {", ".join(there)}')
         series += found
     return Recording(tuple(series), tuple(source_of(Path(path)) for path in paths))
