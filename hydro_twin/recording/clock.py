@@ -9,6 +9,8 @@ from typing import Any, TYPE_CHECKING
 import numpy as np
 
 from hydro_twin.errors import UserError
+from hydro_twin.recording.cdr import IntArray
+from hydro_twin.recording.grid import STEADY_SHARE
 from hydro_twin.recording.jitter import remove_jitter
 from hydro_twin.recording.signals import number
 
@@ -88,17 +90,25 @@ def slowest(bag: Mapping[str, Samples], held: Collection[str]) -> float:
 def period(samples: Samples) -> float:
     """Return the time [s] from one sample of a signal to the next; 0 for a single sample.
 
-    The mean of the pauses within half the median of it, so that neither a loss nor a stall counts,
-    and jitter averages out. It is rounded to three digits where that changes next to nothing.
+    The mean of the usual pauses: neither a loss nor a stall counts, and jitter averages out. Receive
+    times that are too unsteady for that are put on lines first, by `remove_jitter`. The result is
+    rounded to three digits where that changes next to nothing.
     """
-    stamps = samples.stamps if samples.stamped else remove_jitter(samples.stamps)
-    pauses = np.diff(stamps)
+    pauses = np.diff(samples.stamps)
     if len(pauses) == 0:
         return 0.0
-    typical = np.median(pauses)
-    mean = 1e-9 * float(np.mean(pauses[np.abs(pauses - typical) <= 0.5 * typical]))
+    usual = _usual(pauses)
+    if not samples.stamped and len(usual) < STEADY_SHARE * len(pauses):
+        usual = _usual(np.diff(remove_jitter(samples.stamps)))
+    mean = 1e-9 * float(np.mean(usual))
     plain = float(f'{mean:.3g}')
     return plain if abs(plain - mean) <= ROUND * mean else round(mean, 9)
+
+
+def _usual(pauses: IntArray) -> IntArray:
+    """Take the pauses within half the median of it."""
+    typical = np.median(pauses)
+    return pauses[np.abs(pauses - typical) <= 0.5 * typical]
 
 
 def same(one: float, other: float) -> bool:
