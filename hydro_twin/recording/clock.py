@@ -90,9 +90,9 @@ def slowest(bag: Mapping[str, Samples], held: Collection[str]) -> float:
 def period(samples: Samples) -> float:
     """Return the time [s] from one sample of a signal to the next; 0 for a single sample.
 
-    The mean of the usual pauses: neither a loss nor a stall counts, and jitter averages out. Receive
-    times that are too unsteady for that are put on lines first, by `remove_jitter`. The result is
-    rounded to three digits where that changes next to nothing.
+    The mean of the usual pauses: neither a loss nor a stall counts, and jitter averages out.
+    Receive times that are too unsteady for that are put on lines first, by `remove_jitter`. The
+    result is rounded to three digits where that changes next to nothing.
     """
     pauses = np.diff(samples.stamps)
     if len(pauses) == 0:

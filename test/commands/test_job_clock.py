@@ -60,7 +60,7 @@ def fast():
 
 @pytest.fixture(scope='module')
 def bags(tmp_path_factory, fast):
-    """The same at 1, 4 and 10 ms, by milliseconds."""
+    """Write it at 1, 4 and 10 ms, by milliseconds."""
     folder = tmp_path_factory.mktemp('clock')
     return {n: write(folder / f'bag_{n}', CYLINDER, every(fast, n)) for n in (1, 4, 10)}
 
