@@ -1,5 +1,6 @@
 """Every verb on one recording at several sample times: the physics found is the same."""
 import csv
+from dataclasses import replace
 import json
 
 import numpy as np
@@ -29,8 +30,8 @@ def recorded(plant, truth, sample_time, count, held, noise, effects=()):
     def command(t):
         return levels[(t / held + 1e-6).astype(int)]
 
-    one = simulate(plant, truth, effects, {'command': command}, count * sample_time, 10**9,
-                   sample_time=sample_time)
+    one = simulate(replace(plant, sample_time=sample_time), truth, effects, {'command': command},
+                   count * sample_time, 10**9)
     output = one[plant.output.name] + noise * rng.standard_normal(count)
     return Series({**one.columns, plant.output.name: output}, sample_time, 10**9)
 
@@ -47,9 +48,8 @@ def write(path, plant, series):
 
 def smooth():
     """Make 4 s of a cylinder at 1 ms under a smooth command, without noise."""
-    return simulate(CYLINDER, TRUTH, [], {'command': lambda t: (
-        0.3 * np.sin(2 * np.pi * 0.5 * t) + 0.2 * np.sin(2 * np.pi * 1.3 * t))}, 4.0, 10**9,
-        sample_time=0.001)
+    return simulate(replace(CYLINDER, sample_time=0.001), TRUTH, [], {'command': lambda t: (
+        0.3 * np.sin(2 * np.pi * 0.5 * t) + 0.2 * np.sin(2 * np.pi * 1.3 * t))}, 4.0, 10**9)
 
 
 @pytest.fixture(scope='module')
