@@ -5,10 +5,12 @@ import json
 
 import numpy as np
 import pytest
+from scipy.signal import cont2discrete, dlsim
 
 from hydro_twin.commands.main import main
 from hydro_twin.model import Estimate, FittedEffect, Model, place, read_model, write_model
 from hydro_twin.plants import PLANTS
+from hydro_twin.predictors.network import Network, save_network
 from hydro_twin.recording.series import Recording, Series
 from hydro_twin.recording.signals import load_signals
 from hydro_twin.recording.write import write_recording
@@ -18,22 +20,23 @@ from hydro_twin.simulation.simulate import simulate
 CYLINDER = PLANTS['cylinder']
 TRUTH = {'tau': 0.06, 'K_v': 0.2}
 NOISE = 2e-4        # m
-HELD = 0.02         # for how long the command rests [s]: every sample time divides it
+REST = 20           # ms for which a command rests: every sample time here divides it
 
 
-def recorded(plant, truth, sample_time, count, held, noise, effects=()):
-    """Simulate a plant under random commands that rest for a while; noise on the output."""
-    rng = np.random.default_rng(0)
-    levels = rng.uniform(-0.5, 0.5, round(count * sample_time / held) + 1)
+def commands(count, rest, rng):
+    """Draw commands that each rest for some samples, the first of them nought."""
+    levels = rng.uniform(-0.5, 0.5, count // rest + 1)
     levels[0] = 0.0
+    return np.repeat(levels, rest)[:count]
 
-    def command(t):
-        return levels[(t / held + 1e-6).astype(int)]
 
-    one = simulate(replace(plant, sample_time=sample_time), truth, effects, {'command': command},
-                   count * sample_time, 10**9)
-    output = one[plant.output.name] + noise * rng.standard_normal(count)
-    return Series({**one.columns, plant.output.name: output}, sample_time, 10**9)
+def recorded(plant, truth, sample_time, count, rest, noise):
+    """Make a series of a linear plant, by scipy, under such commands; noise on the output."""
+    rng = np.random.default_rng(0)
+    laws, command = plant.laws(truth), commands(count, rest, rng)
+    discrete = cont2discrete((laws.A, laws.B, laws.C, laws.D), sample_time, 'zoh')
+    output = dlsim(discrete, command)[1][:, 0] + noise * rng.standard_normal(count)
+    return Series({'command': command, plant.output.name: output}, sample_time, 10**9)
 
 
 def every(series, n):
@@ -55,7 +58,7 @@ def smooth():
 @pytest.fixture(scope='module')
 def fast():
     """One recording of a cylinder, every millisecond."""
-    return recorded(CYLINDER, TRUTH, 0.001, 4000, HELD, NOISE)
+    return recorded(CYLINDER, TRUTH, 0.001, 4000, REST, NOISE)
 
 
 @pytest.fixture(scope='module')
@@ -141,12 +144,12 @@ def test_refit_of_the_sample_bag_of_the_valve(config, tmp_path, capsys):
     assert error < 1e-3
 
 
-@pytest.mark.parametrize(('plant', 'truth', 'sample_time', 'held', 'noise'), [
-    ('cylinder', {'tau': 0.3, 'K_v': 0.2}, 0.05, 0.2, 1e-3),
-    ('control_valve', {'tau': 2.0, 'K': 0.95}, 0.08, 4.0, 5e-3)])
-def test_refit_of_slow_recordings(tmp_path, capsys, plant, truth, sample_time, held, noise):
+@pytest.mark.parametrize(('plant', 'truth', 'sample_time', 'rest', 'noise'), [
+    ('cylinder', {'tau': 0.3, 'K_v': 0.2}, 0.05, 4, 1e-3),
+    ('control_valve', {'tau': 2.0, 'K': 0.95}, 0.08, 50, 5e-3)])
+def test_refit_of_slow_recordings(tmp_path, capsys, plant, truth, sample_time, rest, noise):
     bag = write(tmp_path / 'bag', PLANTS[plant],
-                recorded(PLANTS[plant], truth, sample_time, 1000, held, noise))
+                recorded(PLANTS[plant], truth, sample_time, 1000, rest, noise))
     result = refit(capsys, bag, tmp_path / 'model.yaml', plant=plant)
     assert result['sample_time'] == sample_time
     assert_true(result, truth)
@@ -160,21 +163,31 @@ def test_bags_of_several_rates_share_the_clock_of_the_slowest(bags, tmp_path, ca
     assert said == f'all bags are read at 0.01 s, the sample time of the slowest, {bags[10]}'
 
 
-def test_networks_know_one_clock(bags, model, tmp_path, capsys):
+@pytest.mark.parametrize('kind', ['mlp', 'hybrid'])
+def test_a_network_runs_at_its_own_clock_only(bags, model, tmp_path, capsys, kind):
+    path = tmp_path / 'network.yaml'
+    save_network(Network(np.array([5, 1]), np.zeros(6), np.zeros(5), np.ones(5), 1.0, 1e3),
+                 tmp_path / 'network.safetensors')
+    write_model(replace(read_model(model), sample_time=0.004, kind=kind,
+                        network='network.safetensors'), path)
+    status, result, _ = verb(capsys, 'replay', bags[1], '--model', path)
+    assert (status, result['sample_time']) == (0, 0.004)
+    status, _, err = verb(capsys, 'replay', bags[10], '--model', path)
+    assert status == 2
+    assert f'{path}: a model of kind {kind} runs at 0.004 s only, not at 0.01 s' in err
+    assert err.count('\n') == 1
+
+
+@pytest.mark.slow
+def test_networks_are_trained_at_the_clock_of_the_recording(bags, model, tmp_path, capsys):
     pytest.importorskip('torch')
     small = ('--hidden', '2', '--epochs', '1')
     refit(capsys, bags[4], tmp_path / 'mlp.yaml', '--predictor', 'mlp', *small)
-    refit(capsys, bags[4], tmp_path / 'hybrid.yaml', '--predictor', 'hybrid', '--model', model,
-          *small)
-    for kind in ('mlp', 'hybrid'):
-        path = tmp_path / f'{kind}.yaml'
-        assert read_model(path).sample_time == 0.004
-        status, result, _ = verb(capsys, 'replay', bags[1], '--model', path)
-        assert (status, result['sample_time']) == (0, 0.004)
-        status, _, err = verb(capsys, 'replay', bags[10], '--model', path)
-        assert status == 2
-        assert f'{path}: a model of kind {kind} runs at 0.004 s only, not at 0.01 s' in err
-        assert err.count('\n') == 1
+    hybrid = refit(capsys, bags[4], tmp_path / 'hybrid.yaml', '--predictor', 'hybrid', '--model',
+                   model, *small)
+    assert hybrid['sample_time'] == read_model(tmp_path / 'mlp.yaml').sample_time == 0.004
+    # Run at 4 ms as it was at 2 ms, the physics would move at half the speed.
+    assert hybrid['test']['free_run'] < 10 * NOISE
 
 
 @pytest.mark.parametrize(('every_ms', 'given', 'sample_time'), [
@@ -192,7 +205,9 @@ def test_replay_scores_what_was_measured(bags, model, config, capsys, every_ms, 
 def test_an_effect_runs_at_another_clock(tmp_path, capsys):
     """A model with a dead zone, at 1 ms, replays a recording at 10 ms."""
     limit = place('dead_zone', 'command', {'width': 0.1}, CYLINDER)
-    one = recorded(CYLINDER, TRUTH, 0.001, 4000, HELD, 0.0, [limit])
+    levels = commands(2000, 1, np.random.default_rng(0))
+    one = simulate(replace(CYLINDER, sample_time=0.001), TRUTH, [limit],
+                   {'command': lambda t: levels[(t / 0.02 + 1e-6).astype(int)]}, 2.0, 10**9)
     bag = write(tmp_path / 'bag', CYLINDER, every(one, 10))
     parameters = {name: Estimate(value) for name, value in TRUTH.items()}
     path = tmp_path / 'model.yaml'
