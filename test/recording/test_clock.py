@@ -42,8 +42,10 @@ def test_a_period_is_a_round_number_where_it_nearly_is_one(truth, told):
         assert period(samples(truth * np.arange(2000))) == told
 
 
-def test_a_single_sample_sets_no_clock():
+def test_a_few_samples_have_a_period_and_one_has_none():
     assert FREE.over([period(samples([5.0]))]) == 0.002
+    assert period(samples([5.0, 6.0])) == 1.0
+    assert period(samples([5.0, 6.0, 106.0])) == 100.0
 
 
 @pytest.mark.parametrize(('periods', 'expected'), [
