@@ -108,7 +108,8 @@ def period(samples: Samples) -> float:
 def _usual(pauses: IntArray) -> IntArray:
     """Take the pauses within half the median of it, which is one of them."""
     typical = np.sort(pauses)[len(pauses) // 2]
-    return pauses[np.abs(pauses - typical) <= 0.5 * typical]
+    usual: IntArray = pauses[np.abs(pauses - typical) <= 0.5 * typical]
+    return usual
 
 
 def same(one: float, other: float) -> bool:
