@@ -2,7 +2,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 import math
 import os
 from pathlib import Path
@@ -14,11 +14,13 @@ from hydro_twin.effects import Effect, EFFECTS, Placed
 from hydro_twin.effects.curve import CURVE, over
 from hydro_twin.errors import ModelError, UserError
 from hydro_twin.plants import Plant, plant_named, Port
+from hydro_twin.recording.clock import same
 
 FORMAT = 1
 NOT_IDENTIFIABLE = 'not identifiable'
 NOT_EXPLAINED = 'not explained'
 KINDS = ('analytical', 'mlp', 'hybrid')
+MOST_SUBSTEPS = 1024            # in a sample: 2 us at 500 Hz, which no effect needs
 
 
 @dataclass(frozen=True)
@@ -78,6 +80,25 @@ class Model:
     def placed(self) -> tuple[Placed, ...]:
         """The effects as the kernel takes them."""
         return tuple(effect.placed for effect in self.effects)
+
+    def at(self, sample_time: float) -> Model:
+        """Return the same physics at another sample time [s].
+
+        The laws are integrated with steps no longer than before, and eq. 1 is that of the new
+        sample time. The errors are those at the old one.
+
+        Raises:
+            ModelError: the model has a network, which knows its own sample time only.
+        """
+        if same(sample_time, self.sample_time):
+            return self
+        if self.kind != 'analytical':
+            raise ModelError(f'a model of kind {self.kind} runs at {self.sample_time:g} s only, '
+                             f'not at {sample_time:g} s')
+        steps = math.ceil(self.substeps * sample_time / self.sample_time - 1e-9)
+        timing = {name: max(late, -sample_time) for name, late in self.timing.items()}
+        return replace(self, sample_time=sample_time, substeps=min(steps, MOST_SUBSTEPS),
+                       timing=timing)
 
     def promised(self, mode: str) -> float | None:
         """RMS error that the model had on data it did not fit; None where it does not say."""
@@ -262,9 +283,9 @@ def _from_document(raw: Mapping[str, Any]) -> Model:
         raise ModelError(f'timing of {", ".join(unknown)}: no such input of {plant.name}')
     sample_time = _number('sample_time', raw['sample_time'])
     substeps = raw.get('substeps', 4)
-    if sample_time <= 0 or not isinstance(substeps, int) or not 1 <= substeps <= 1024:
+    if sample_time <= 0 or not isinstance(substeps, int) or not 1 <= substeps <= MOST_SUBSTEPS:
         raise ModelError(f'sample_time {sample_time} must be above 0 and substeps {substeps} '
-                         f'a whole number from 1 to 1024')
+                         f'a whole number from 1 to {MOST_SUBSTEPS}')
     return Model(
         plant=plant, parameters=estimates, constants=plant.constant_values(constants),
         sample_time=sample_time, kind=kind, effects=effects, timing=timing, substeps=substeps,

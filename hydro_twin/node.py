@@ -36,6 +36,7 @@ from hydro_twin.live.twin import Twin
 from hydro_twin.live.worker import Worker
 from hydro_twin.parameters import declare_parameters, objection, SignalParameters
 from hydro_twin.plants import plant_named
+from hydro_twin.recording.clock import check_live
 from hydro_twin.topics import Topics
 
 TICK = 0.05      # how often the steady timer looks for inputs that are late [s]
@@ -158,6 +159,7 @@ class TwinNode(LifecycleNode):
         if plant not in ('', predictor.plant.name):
             raise ModelError(f'{self._chosen[0].path}: a model of {predictor.plant.name}, but '
                              f"the parameter 'plant' is {plant}")
+        check_live(self.get_parameter('sample_time').value or None, predictor.sample_time)
         signals = self._topics.resolved(self._signals.read(predictor.plant))
         self._live = Live(predictor.plant, signals, predictor.sample_time,
                           self.get_parameter('wait').value)

@@ -1,3 +1,4 @@
+from dataclasses import replace
 import math
 from pathlib import Path
 
@@ -70,6 +71,22 @@ def test_promises_the_error_on_data_it_did_not_fit(model):
     assert model.promised('one_step') == 0.6
     assert model.promised('free_run') == 0.7        # no test part: that of the training
     assert Model(PLANT, {}, {}, 0.002).promised('one_step') is None
+
+
+def test_the_physics_at_another_sample_time_is_integrated_as_finely(model):
+    slow = replace(model, timing={'u_m': -0.002}, substeps=4).at(0.05)
+    assert (slow.sample_time, slow.substeps, slow.timing) == (0.05, 100, {'u_m': -0.002})
+    fast = replace(model, timing={'u_m': -0.002}, substeps=4).at(0.0015)
+    assert (fast.sample_time, fast.substeps, fast.timing) == (0.0015, 3, {'u_m': -0.0015})
+    assert (slow.values, slow.placed) == (model.values, model.placed)
+    assert model.at(0.002 * (1 + 1e-9)) is model
+
+
+@pytest.mark.parametrize('kind', ['mlp', 'hybrid'])
+def test_a_network_knows_one_sample_time(model, kind):
+    assert replace(model, kind=kind).at(0.002).kind == kind
+    with pytest.raises(ModelError, match=f'of kind {kind} runs at 0.002 s only, not at 0.004 s'):
+        replace(model, kind=kind).at(0.004)
 
 
 def put(*keys, value):

@@ -5,15 +5,20 @@ import argparse
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
+import logging
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 from hydro_twin.errors import UserError
 
 if TYPE_CHECKING:
+    from hydro_twin.model import Model
     from hydro_twin.plants import Plant
+    from hydro_twin.recording.clock import Clock
     from hydro_twin.recording.series import Recording
     from hydro_twin.recording.signals import SignalMap
+
+log = logging.getLogger(__name__)
 
 
 @dataclass(frozen=True)
@@ -23,13 +28,13 @@ class Rig:
     Attributes:
         constants: all constants of the plant, in SI units.
         signals: where the plant's inputs and its output are found in messages.
-        sample_time: of the time grid [s]; the configuration's, else the plant's.
+        clock: what is known of the sample time before a recording is read.
     """
 
     plant: Plant
     constants: dict[str, float]
     signals: dict[str, SignalMap]
-    sample_time: float
+    clock: Clock
 
 
 def add_rig_arguments(parser: argparse.ArgumentParser) -> None:
@@ -87,48 +92,72 @@ def assignment(text: str) -> tuple[str, float]:
         raise argparse.ArgumentTypeError(f'{text!r} should read like D_m=2.2e-5') from None
 
 
-def rig_from(args: argparse.Namespace) -> Rig:
-    """Gather what --plant, --config and --constant say of the rig.
+def rig_from(args: argparse.Namespace, model: Model | None = None) -> Rig:
+    """Gather what --plant, --config and --constant say of the rig; `model` is that of --model.
 
     Raises:
-        UserError: one of them is wrong.
+        UserError: one of them is wrong, or the model is of another plant.
     """
     from hydro_twin.plants import plant_named
 
-    return rig_of(plant_named(args.plant), args.config, dict(args.constant))
+    plant = plant_named(args.plant)
+    if model is not None and model.plant.name != plant.name:
+        raise UserError(f'{args.model}: a model of {model.plant.name}, not of {plant.name}')
+    return rig_of(plant, args.config, dict(args.constant), model)
 
 
-def rig_of(plant: Plant, config: Path | None = None,
-           constants: dict[str, float] | None = None) -> Rig:
+def rig_of(plant: Plant, config: Path | None = None, constants: dict[str, float] | None = None,
+           model: Model | None = None) -> Rig:
     """Gather what a configuration says of a plant; `constants` take precedence over it.
+
+    Args:
+        plant: the plant.
+        config: ROS parameter file.
+        constants: of the rig.
+        model: that the job runs, whose clock is then the usual one.
 
     Raises:
         UserError: the configuration or a constant is wrong.
     """
-    from hydro_twin.recording.signals import load_constants, load_parameters, load_signals, number
+    from hydro_twin.recording.clock import clock_of
+    from hydro_twin.recording.signals import load_constants, load_parameters, load_signals
 
     signals = load_signals(plant.name, [signal.name for signal in plant.signals], config)
     given = load_parameters(config) if config else {}
-    sample_time = number(given.get('sample_time', plant.sample_time), f'{config}: sample_time')
-    if sample_time <= 0:
-        raise UserError(f'{config}: sample_time must be above zero, not {sample_time:g}')
+    clock = clock_of(plant, given, str(config), model.sample_time if model else None)
     values = plant.constant_values(load_constants(plant.name, config) | (constants or {}))
-    return Rig(plant, values, signals, sample_time)
+    return Rig(plant, values, signals, clock)
 
 
-def read(bags: Sequence[Path], rig: Rig, paced_by: str | None = None) -> Recording:
-    """Read bags onto the time grid of the rig, commands held and measurements interpolated.
-
-    See `read_recording` for `paced_by`.
+def read(bags: Sequence[Path], rig: Rig) -> Recording:
+    """Read bags on one clock, commands held and measurements interpolated.
 
     Raises:
         BagError: a bag cannot be read, or lacks a signal.
     """
+    return read_apart([bags], rig)[0]
+
+
+def read_apart(groups: Sequence[Sequence[Path]], rig: Rig) -> list[Recording]:
+    """Read groups of bags as a recording each, all on one clock, which the slowest bag sets.
+
+    Raises:
+        BagError: a bag cannot be read, or lacks a signal.
+    """
+    from hydro_twin.recording.bag import read_signals
+    from hydro_twin.recording.clock import slowest
     from hydro_twin.recording.read import read_recording
 
     held = {signal.name for signal in rig.plant.signals if signal.held}
+    measured = {name: signal for name, signal in rig.signals.items() if name not in held}
     with progress('reading'):
-        return read_recording(bags, rig.signals, held, rig.sample_time, paced_by=paced_by)
+        periods = {} if rig.clock.given else {
+            bag: slowest(read_signals(bag, measured), held) for bags in groups for bag in bags}
+        sample_time = rig.clock.over(periods.values())
+        if any(rig.clock.over([period]) < sample_time for period in periods.values()):
+            log.warning('all bags are read at %g s, the sample time of the slowest, %s',
+                        sample_time, max(periods, key=lambda path: periods[path]))
+        return [read_recording(bags, rig.signals, held, sample_time) for bags in groups]
 
 
 def train_and_test(args: argparse.Namespace, rig: Rig) -> tuple[Recording, Recording]:
@@ -142,10 +171,10 @@ def train_and_test(args: argparse.Namespace, rig: Rig) -> tuple[Recording, Recor
     """
     from hydro_twin.recording.series import split
 
-    recording = read(args.bags, rig)
     if args.test:
-        return recording, read(args.test, rig)
-    return split(recording)
+        train, test = read_apart([args.bags, args.test], rig)
+        return train, test
+    return split(read(args.bags, rig))
 
 
 @contextmanager

@@ -44,6 +44,7 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
     result = {
         'plant': rig.plant.name,
         'unit': rig.plant.output.unit,
+        'sample_time': train.sample_time,
         'bags': [str(bag) for bag in (*args.bags, *args.test)],
         'runs': args.runs,
         'seed': args.seed,

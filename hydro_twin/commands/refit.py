@@ -83,8 +83,6 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
         raise UserError(f'{args.output}: there is no folder {args.output.parent}')
     if args.epochs < 1:
         raise UserError(f'--epochs {args.epochs}: at least one is needed')
-    rig = rig_from(args)
-    plant = rig.plant
     if args.predictor != 'analytical':
         check_device(args.device)
     if args.predictor == 'analytical' and (args.hidden or args.search):
@@ -93,18 +91,21 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
         raise UserError('--method and --criterion are for physical parameters; an MLP has none')
     if args.model and args.predictor != 'hybrid':
         raise UserError('--model is what a hybrid stands on: it needs --predictor hybrid')
+    base = read_model(args.model) if args.model else None
+    rig = rig_from(args, base)
+    plant = rig.plant
     criterion = args.criterion or (
         'free_run' if (args.predictor, args.method) == ('analytical', 'least_squares')
         else 'one_step')
     train, test = train_and_test(args, rig)
     bounds = bounds_of(train, test, plant)
     model = Model(
-        plant, {}, rig.constants, plant.sample_time, args.predictor,
+        plant, {}, rig.constants, train.sample_time, args.predictor,
         provenance=provenance(train.sources, test.sources if args.test else (), args.seed))
     known: Identifiability | None = None
     hidden: tuple[int, ...] = ()
-    if args.model:
-        model = _on(read_model(args.model), model)
+    if base is not None:
+        model = _on(base, model)
     elif args.predictor != 'mlp':
         with progress('fitting the physics'):
             physics = fit_physics(train, plant, rig.constants, args.method, criterion, args.seed)
@@ -129,6 +130,7 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
     return {
         'model': str(args.output),
         'unit': plant.output.unit,
+        'sample_time': model.sample_time,
         'parameters': {name: {'value': e.value, 'unit': units[name], 'std_error': e.std_error,
                               'identifiable': e.identifiable}
                        for name, e in model.parameters.items()},
@@ -142,17 +144,15 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
 
 
 def _on(base: Model, model: Model) -> Model:
-    """Put a hybrid on the analytical part of another model.
+    """Put a hybrid on the analytical part of another model, at the clock of the recording.
 
     Raises:
-        UserError: that is of another plant or sample time, or has no analytical part.
+        UserError: that model has no analytical part.
     """
-    if (base.plant.name, base.sample_time) != (model.plant.name, model.sample_time):
-        raise UserError(f'--model is of a {base.plant.name} at {base.sample_time:g} s, not of a '
-                        f'{model.plant.name} at {model.sample_time:g} s')
     if base.kind == 'mlp':
         raise UserError('--model is an MLP, without the physics that a hybrid stands on')
-    return replace(base, kind=model.kind, provenance=model.provenance)
+    physics = replace(base, kind='analytical').at(model.sample_time)
+    return replace(physics, kind=model.kind, provenance=model.provenance)
 
 
 def _network(args: argparse.Namespace, train: Recording, model: Model) -> Network:
@@ -206,4 +206,4 @@ def show(result: dict[str, Any], console: Console) -> None:
                         ('persistence', 'one step, last sample')):
         table.add_row(says, *(f'{result[bound][part]:.4g}' for part in ('train', 'test')))
     console.print(table)
-    console.print(f'model written to {result["model"]}')
+    console.print(f'model written to {result["model"]}, sample time {result["sample_time"]:g} s')

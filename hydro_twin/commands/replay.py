@@ -14,7 +14,6 @@ if TYPE_CHECKING:
     from rich.console import Console
 
     from hydro_twin.plants.plant import FloatArray
-    from hydro_twin.predictors import Predictor
     from hydro_twin.recording.series import Recording, Series
 
 TOPIC = '/hydro_twin/{mode}/prediction'     # as the node's ~/NAME/prediction
@@ -62,19 +61,21 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
 
 def _replay(bag: Path, model: Path, output: Path | None, config: Path | None,
             picture: Path | None, beside: Sequence[Path]) -> dict[str, Any]:
+    from hydro_twin.model import read_model
     from hydro_twin.predictors import load, MODES
     from hydro_twin.predictors.scores import fit_percent, persistence, pooled, rms
 
     if output is not None and output.exists():
         raise UserError(f'{output} exists already: it is not overwritten')
-    predictor = load(model)
-    others = {path: _alike(load(path), path, predictor) for path in beside}
-    plant = predictor.plant
-    rig = rig_of(replace(plant, sample_time=predictor.sample_time), config)
-    if rig.plant.sample_time != predictor.sample_time:
-        raise UserError(f'{model} runs at {predictor.sample_time:g} s, but {config} says '
-                        f'{rig.plant.sample_time:g} s')
+    as_fitted = read_model(model)
+    plant = as_fitted.plant
+    for path in beside:
+        if (name := read_model(path).plant.name) != plant.name:
+            raise UserError(f'{path}: a model of {name}, not of {plant.name}')
+    rig = rig_of(plant, config, model=as_fitted)
     recording = read([bag], rig)
+    predictor = load(model, recording.sample_time)
+    others = {path: load(path, recording.sample_time) for path in beside}
     predictions: dict[str, list[FloatArray]] = {mode: [] for mode in MODES}
     with progress('replaying', len(recording.series)) as tick:
         for series in recording.series:
@@ -84,6 +85,7 @@ def _replay(bag: Path, model: Path, output: Path | None, config: Path | None,
     result: dict[str, Any] = {
         'samples': sum(map(len, recording.series)),
         'series': len(recording.series),
+        'sample_time': recording.sample_time,
         'unit': plant.output.unit,
     }
     # One step has no prediction until the regressors are full; a free run starts at once.
@@ -103,15 +105,6 @@ def _replay(bag: Path, model: Path, output: Path | None, config: Path | None,
         write_picture(draw(recording, plant.output, runs), picture)
         result['picture'] = str(picture)
     return result
-
-
-def _alike(other: Predictor, path: Path, predictor: Predictor) -> Predictor:
-    """Check that two models run on the same samples."""
-    wanted, given = ((p.plant.name, p.sample_time) for p in (predictor, other))
-    if wanted != given:
-        raise UserError(f'{path}: a model of {given[0]} at {given[1]:g} s, not of {wanted[0]} at '
-                        f'{wanted[1]:g} s')
-    return other
 
 
 def _write(bag: Path, output: Path, recording: Recording,
@@ -149,7 +142,8 @@ def show(result: dict[str, Any], console: Console) -> None:
     from rich.table import Table
 
     unit = result['unit']
-    console.print(f'{result["samples"]} samples in {result["series"]} series')
+    console.print(f'{result["samples"]} samples in {result["series"]} series, '
+                  f'{result["sample_time"]:g} s apart')
     table = Table('', f'RMS error, {unit}', 'fit, %')
     for mode in ('one_step', 'free_run'):
         table.add_row(mode.replace('_', ' '), f'{result[mode]["rmse"]:.4g}',

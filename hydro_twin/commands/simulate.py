@@ -72,12 +72,12 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
     from hydro_twin.simulation.simulate import BLOCK, simulate
 
     rig = rig_from(args)
-    plant = rig.plant
+    plant, sample_time = rig.plant, rig.clock.unrecorded
     if args.output.exists():
         raise UserError(f'{args.output} exists already: it is not overwritten')
-    if not plant.sample_time * 10 <= args.duration < float('inf'):
+    if not sample_time * 10 <= args.duration < float('inf'):
         raise UserError(f'--duration {args.duration:g}: at least ten samples, '
-                        f'{10 * plant.sample_time:g} s')
+                        f'{10 * sample_time:g} s')
     if not (0 <= args.noise < float('inf') and 0 <= args.quantisation < float('inf')):
         raise UserError('--noise and --quantisation must be finite, and not below zero')
     parameters = {p.name: float((p.lower * p.upper) ** 0.5) for p in plant.parameters}
@@ -95,16 +95,16 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
     laws = plant.laws(values)
     rng = np.random.default_rng(args.seed)
     series, truth, start = [], [], START
-    blocks = len(table) * round(args.duration / plant.sample_time / BLOCK)
+    blocks = len(table) * round(args.duration / sample_time / BLOCK)
     with progress('simulating', blocks) as tick:
         for specs in table:
             inputs = {
                 signal.name: make(spec, Run(args.duration, rng), laws, column,
-                                  SHARES[column > 0] * plant.output_scale, plant.sample_time)
+                                  SHARES[column > 0] * plant.output_scale, sample_time)
                 for column, (signal, spec) in enumerate(zip(plant.inputs, specs, strict=True))}
             for name, burst in bursts:
                 inputs[name] = _sum(inputs[name], burst)
-            one = simulate(plant, values, effects, inputs, args.duration, start, tick)
+            one = simulate(plant, values, effects, inputs, args.duration, start, tick, sample_time)
             if not np.isfinite(one[plant.output.name]).all():
                 raise DataError(f'{plant.name} diverges with these values')
             noisy, noise = measure(one, plant.output.name, args.snr, args.noise,
@@ -115,13 +115,13 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
                                for signal, spec in zip(plant.inputs, specs, strict=True)},
                 'largest': {name: float(np.abs(one[name]).max()) for name in one.columns},
                 'noise': noise})
-            step = plant.sample_time * 1e9
+            step = sample_time * 1e9
             start += round(len(one) * step) + max(PAUSE, round(PAUSE_SAMPLES * step))
     write_recording(args.output, series, rig.signals, {'origin': 'simulated, not measured'})
     return {
         'bag': str(args.output),
         'plant': plant.name,
-        'sample_time': plant.sample_time,
+        'sample_time': sample_time,
         'samples': sum(map(len, series)),
         'parameters': {p.name: {'value': parameters[p.name], 'unit': p.unit}
                        for p in plant.parameters},

@@ -2,7 +2,6 @@
 from __future__ import annotations
 
 import argparse
-from dataclasses import replace
 from pathlib import Path
 from typing import Any, TYPE_CHECKING
 
@@ -11,7 +10,7 @@ from hydro_twin.commands.common import (
     add_rig_arguments,
     add_seed_argument,
     progress,
-    read,
+    read_apart,
     rig_from,
 )
 from hydro_twin.errors import UserError
@@ -43,15 +42,17 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
     from hydro_twin.report.trace_files import write_files
     from hydro_twin.residual.trace import trace
 
-    rig = rig_from(args)
     model = read_model(args.model) if args.model else None
-    if model is not None and model.plant.name != rig.plant.name:
-        raise UserError(f'{args.model}: a model of {model.plant.name}, not of {rig.plant.name}')
+    rig = rig_from(args, model)
+    if model is not None and model.kind != 'analytical':
+        raise UserError(f'{args.model}: a model of kind {model.kind}; a trace starts from an '
+                        'analytical one')
     if args.output.exists() and not args.output.is_dir():
         raise UserError(f'{args.output}: is a file; a folder is needed for the report')
-    recording = read(args.bags, rig, rig.plant.output.name)
-    rig = replace(rig, sample_time=recording.series[0].sample_time)
-    test = read(args.test, rig) if args.test else None
+    recording, *tests = read_apart([args.bags, args.test] if args.test else [args.bags], rig)
+    test = tests[0] if tests else None
+    if model is not None:
+        model = model.at(recording.sample_time)
     with progress('tracing') as step:
         found = trace(recording, test, rig.plant, rig.constants, model, args.seed,
                       lambda _: step())

@@ -48,7 +48,7 @@ def fit_physics(train: Recording, plant: Plant, constants: Mapping[str, float], 
 
     Args:
         train: the recording to fit.
-        plant: at the sample time of the recording.
+        plant: the plant.
         constants: of the rig.
         method: one of METHODS.
         criterion: one of CRITERIA, for least squares; the others have theirs.
@@ -61,14 +61,14 @@ def fit_physics(train: Recording, plant: Plant, constants: Mapping[str, float], 
     if method == 'network':
         return _published(train, plant, seed)
     if method == 'least_squares' and criterion == 'free_run':
-        fit = fit_linear(plant, parts_of(train, plant), constants, plant.sample_time, 'box',
+        fit = fit_linear(plant, parts_of(train, plant), constants, train.sample_time, 'box',
                          timing=False, seed=seed)
         known = fit.identifiability()
         values = {p.name: fit.candidate.values[p.name] for p in plant.parameters}
     elif criterion == 'one_step':
         names = [p.name for p in plant.parameters]
         inputs = [signal.name for signal in plant.inputs]
-        coefficients = coefficients_of(plant, constants, plant.sample_time)
+        coefficients = coefficients_of(plant, constants, train.sample_time)
         factor = regression(train.series, plant.output.name, inputs, plant.order)
         best = search(method, factor, coefficients, plant, seed).best
         lower, upper = np.array([(p.lower, p.upper) for p in plant.parameters]).T

@@ -89,7 +89,7 @@ def study(
     Args:
         train: what is fitted.
         test: what is only predicted.
-        plant: the plant, at the sample time of the recordings.
+        plant: the plant.
         constants: of the rig.
         runs: of each method; run i has the seed `seed + i`.
         seed: of the first run.
@@ -108,16 +108,19 @@ def study(
             found[method].append(run)
             run_done()
 
-    coefficients = coefficients_of(plant, constants, plant.sample_time)
+    sample_time = train.sample_time
+    coefficients = coefficients_of(plant, constants, sample_time)
     fits = {}
     for method in TITLES:
         if method not in ('mlp', 'hybrid'):
             fits[method] = [fit(method, parts['train'].factor, coefficients, plant, s)
                             for s in seeds]
-            collect(method, (analytical_run(result, coefficients, parts, plant, constants)
-                             for result in fits[method]))
-    base = model_of('hybrid', fits['least_squares'][0].best, plant, constants)
-    mlp = Model(plant, {}, constants, plant.sample_time, 'mlp')
+            models = [model_of('analytical', result.best, plant, constants, sample_time)
+                      for result in fits[method]]
+            collect(method, (analytical_run(result, coefficients, parts, model)
+                             for result, model in zip(fits[method], models, strict=True)))
+    base = model_of('hybrid', fits['least_squares'][0].best, plant, constants, sample_time)
+    mlp = Model(plant, {}, constants, sample_time, 'mlp')
     collect('mlp', network_runs(mlp, Settings(), parts, seeds, device))
     collect('hybrid', network_runs(base, HYBRID, parts, seeds, device))
     best = parts['train'].factor.best()
@@ -154,19 +157,19 @@ def fit(
 
 def model_of(
     kind: str, values: FloatArray, plant: Plant, constants: Mapping[str, float],
+    sample_time: float,
 ) -> Model:
-    """Make a model of parameters in the plant's order, shape (d,)."""
+    """Make a model of parameters in the plant's order, shape (d,), at a sample time [s]."""
     estimates = {p.name: Estimate(float(value))
                  for p, value in zip(plant.parameters, values, strict=True)}
-    return Model(plant, estimates, constants, plant.sample_time, kind)
+    return Model(plant, estimates, constants, sample_time, kind)
 
 
 def analytical_run(
-    found: SearchResult, coefficients: Coefficients, parts: Mapping[str, Part], plant: Plant,
-    constants: Mapping[str, float],
+    found: SearchResult, coefficients: Coefficients, parts: Mapping[str, Part], model: Model,
 ) -> Run:
-    """Score physical parameters on all parts."""
-    predictor = Analytical(model_of('analytical', found.best, plant, constants))
+    """Score physical parameters, and the model of them, on all parts."""
+    predictor = Analytical(model)
     c = coefficients(found.best[None])[0]
     errors = {}
     for name, part in parts.items():

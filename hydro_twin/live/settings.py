@@ -46,6 +46,8 @@ SETTINGS = (
             choices=('one_step', 'free_run')),
     Setting('wait', 0.1, 'how long a late input is waited for before its last value is held [s]; '
             'may be set while the node runs', bounds=(0.0, 10.0)),
+    Setting('sample_time', 0.0, 'clock of the offline verbs that read the same file [s]; the node '
+            'takes that of its model, and refuses another; 0: not given', bounds=(0.0, 1e6)),
     Setting('autostart', True, 'configure and activate at the start; false leaves both to a '
             'lifecycle manager', read_only=True),
 )

@@ -37,4 +37,5 @@ CONTROL_VALVE = Plant(
     ),
     equations=equations,
     at_rest=(),
+    finest=0.02,        # five samples in the shortest lag that is physical
 )

@@ -111,6 +111,8 @@ class Plant:
     """One kind of actuator.
 
     Attributes:
+        sample_time: [s], of a job where neither a configuration, nor a recording, nor a model says
+            otherwise (`recording.clock`).
         inputs: in the order of the columns of B.
         equations: its linear laws, as a function of parameters `p`, states `x`, inputs `u` and
             `port`, which passes a value through the next port; returns the rate of each state.
@@ -121,6 +123,8 @@ class Plant:
         output_scale: a typical large output, by which networks scale theirs.
         closed_form: the coefficients of the difference equation, eq. 1 of [B19], where there are
             formulae for them; otherwise they come from the matrices, which is slower.
+        finest: the shortest sample time [s] that a recording of this plant is worth: a faster one
+            is read at this. 0 stands for `sample_time`.
     """
 
     name: str
@@ -137,6 +141,7 @@ class Plant:
     combinations: tuple[Mapping[str, int], ...] = ()
     output_scale: float = 1.0
     closed_form: ClosedForm | None = None
+    finest: float = 0.0
 
     @property
     def signals(self) -> tuple[Signal, ...]:

@@ -72,14 +72,24 @@ def make_predictor(model: Model, folder: Path) -> Predictor:
     return load_network_predictor(model, folder)
 
 
-def load(path: Path) -> Predictor:
+def load(path: Path, sample_time: float | None = None) -> Predictor:
     """Read a model file and make its predictor.
 
+    Args:
+        path: of the model file.
+        sample_time: [s] at which it is to run; its own by default.
+
     Raises:
-        ModelError: the file or its weights are missing or cannot be used; one line says why.
+        ModelError: the file or its weights are missing or cannot be used, or the model has a
+            network, which cannot run at that sample time; one line says which.
     """
     model = read_model(path)
     if model.network and not (path.parent / model.network).is_file():
         raise ModelError(f'{path}: its weights file {model.network} is missing: copy it to the '
                          f'folder of the model, {path.parent}')
+    if sample_time is not None:
+        try:
+            model = model.at(sample_time)
+        except ModelError as error:
+            raise ModelError(f'{path}: {error}') from error
     return make_predictor(model, path.parent)

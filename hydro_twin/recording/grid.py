@@ -2,7 +2,6 @@
 from __future__ import annotations
 
 from collections.abc import Collection, Mapping
-import math
 
 import numpy as np
 
@@ -15,7 +14,6 @@ MAX_GAP = 5.0   # sample times, or periods of a slower signal, that a pause may 
 MIN_SAMPLES = 10   # shorter stretches hold nothing to learn from
 FEWEST_STEADY = 20   # pauses, to tell that a command is sent at a rate
 STEADY_SHARE = 0.9   # of the pauses of a command within half a period: it is sent at a rate
-SLOWER = 0.1   # of a sample time by which samples may be farther apart
 SLACK = 0.1   # of a sample time: a held signal without stamps may be this late
 
 
@@ -57,11 +55,6 @@ def to_grid(signals: Mapping[str, Samples], held: Collection[str], sample_time: 
                 columns[name] = interpolate(times[name], samples.values, grid)
         series.append(Series(columns, sample_time, int(start), source))
     return series
-
-
-def slowness(samples: Samples, sample_time: float) -> int:
-    """Count the sample times [s] from one sample to the next, as it mostly is; at least one."""
-    return max(1, math.ceil(_typical(np.diff(samples.stamps)) / (sample_time * 1e9) - SLOWER))
 
 
 def hold(times: IntArray, values: FloatArray, grid: IntArray) -> FloatArray:

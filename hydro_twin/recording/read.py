@@ -7,14 +7,13 @@ from pathlib import Path
 from hydro_twin.errors import BagError
 from hydro_twin.recording.bag import read_signals
 from hydro_twin.recording.digest import source_of
-from hydro_twin.recording.grid import MIN_SAMPLES, slowness, to_grid
+from hydro_twin.recording.grid import MIN_SAMPLES, to_grid
 from hydro_twin.recording.series import Recording
 from hydro_twin.recording.signals import SignalMap
 
 
 def read_recording(paths: Sequence[Path], signals: Mapping[str, SignalMap], held: Collection[str],
-                   sample_time: float, optional: Collection[str] = (),
-                   paced_by: str | None = None) -> Recording:
+                   sample_time: float, optional: Collection[str] = ()) -> Recording:
     """Read bags, put their signals on a uniform grid, and split them at gaps.
 
     Args:
@@ -23,16 +22,10 @@ def read_recording(paths: Sequence[Path], signals: Mapping[str, SignalMap], held
         held: the signals that keep their value until the next (commands).
         sample_time: of the grid [s].
         optional: signals that a bag may lack; its series then have no column for them.
-        paced_by: a signal than which the grid may be no finer, by whole sample times: what lies
-            between its samples would be made up.
 
     Raises:
         BagError: a bag cannot be read, or lacks a signal, or holds no stretch with all of them.
     """
-    if paced_by is not None:
-        pace = {paced_by: signals[paced_by]}
-        sample_time *= max(slowness(read_signals(Path(path), pace)[paced_by], sample_time)
-                           for path in paths)
     series = []
     for path in paths:   # each is let go before the next: samples take more room than the grid
         found = to_grid(read_signals(Path(path), signals, optional), held, sample_time, str(path))

@@ -88,6 +88,11 @@ class Recording:
     series: tuple[Series, ...]
     sources: tuple[Source, ...] = ()
 
+    @property
+    def sample_time(self) -> float:
+        """The clock of all its series [s]."""
+        return self.series[0].sample_time
+
     def __add__(self, other: Recording) -> Recording:
         """Append the series of another recording."""
         return Recording(self.series + other.series, self.sources + other.sources)

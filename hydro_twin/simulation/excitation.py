@@ -162,7 +162,7 @@ def make(spec: Spec, run: Run, laws: Laws, column: int, largest: float, sample_t
             this input alone makes the linear plant's output reach `largest`.
         column: of this input.
         largest: see `laws`, in the output's unit.
-        sample_time: of the plant [s].
+        sample_time: of the series [s].
     """
     shape = KINDS[spec.kind](run, **spec.settings)
     amplitude = spec.amplitude

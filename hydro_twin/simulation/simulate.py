@@ -20,22 +20,24 @@ BLOCK = 500                                 # samples integrated at once
 
 def simulate(plant: Plant, values: Mapping[str, float], effects: Sequence[Placed],
              inputs: Mapping[str, Excitation], duration: float, start: int = 0,
-             tick: Callable[[], None] = lambda: None) -> Series:
+             tick: Callable[[], None] = lambda: None,
+             sample_time: float | None = None) -> Series:
     """Integrate a plant from rest, and sample its inputs and its output without any error.
 
     A held input keeps each sample until the next, as the plant gets it from a bus; the others
     move on between samples.
 
     Args:
-        plant: at the sample time of the series.
+        plant: the plant.
         values: parameters and constants by name.
         effects: what the linear plant lacks.
         inputs: for every input, its value over time.
         duration: number of samples times the sample time [s].
         start: stamp of the first sample [ns].
         tick: called after every `BLOCK` samples.
+        sample_time: of the series [s]; by default the plant's own.
     """
-    T = plant.sample_time
+    T = sample_time or plant.sample_time
     laws = plant.laws(values)
     count = round(duration / T)
     fastest = float(np.abs(np.linalg.eigvals(laws.A)).max())
@@ -55,7 +57,7 @@ def simulate(plant: Plant, values: Mapping[str, float], effects: Sequence[Placed
     integrate(moves, seen, table, p, 0.0, 0.0 * gain, x, z, at_start, 1, y[:1], work)
     for k in range(0, count - 1, BLOCK):
         samples = min(BLOCK, count - 1 - k)
-        fine = _fine(plant, effects, inputs, k, samples, steps)
+        fine = _fine(plant, effects, inputs, T, k, samples, steps)
         integrate(moves, seen, table, p, h, gain, x, z, fine, steps, y[k + 1:k + 1 + samples],
                   work)
         tick()
@@ -64,10 +66,9 @@ def simulate(plant: Plant, values: Mapping[str, float], effects: Sequence[Placed
     return Series({**columns, plant.output.name: y}, T, start)
 
 
-def _fine(plant: Plant, effects: Sequence[Placed], inputs: Mapping[str, Excitation], k: int,
-          samples: int, steps: int) -> FloatArray:
+def _fine(plant: Plant, effects: Sequence[Placed], inputs: Mapping[str, Excitation], T: float,
+          k: int, samples: int, steps: int) -> FloatArray:
     """Lay out the inputs as the plant feels them from sample k on, shape (steps samples, 3, m)."""
-    T = plant.sample_time
     step = np.arange(samples * steps)
     places = [k + (step + offset) / steps for offset in (0.0, 0.5, 1.0)]     # in samples
     columns = []

@@ -6,6 +6,7 @@ import pytest
 
 from hydro_twin.commands import common
 from hydro_twin.errors import UserError
+from hydro_twin.recording.clock import Clock
 
 
 def parse(*arguments):
@@ -30,14 +31,14 @@ def test_defaults_are_those_of_the_plant():
     assert rig.constants == {'D_m': 2.0e-5}
     assert list(rig.signals) == ['u_m', 'theta_d', 'T_g']
     assert rig.signals['T_g'].field == 'effort[0]'
-    assert rig.sample_time == 0.002
+    assert rig.clock == Clock(given=None, usual=0.002, finest=0.002)
 
 
 def test_command_line_goes_before_configuration(config):
     path = config('{constants: {D_m: 3.0e-5}, sample_time: 0.01, signals: {u_m: {scale: 2.0}}}')
     args = ['--plant', 'load_simulator', '--config', str(path)]
     rig = common.rig_from(parse(*args))
-    assert (rig.constants, rig.sample_time) == ({'D_m': 3.0e-5}, 0.01)
+    assert (rig.constants, rig.clock.given) == ({'D_m': 3.0e-5}, 0.01)
     assert (rig.signals['u_m'].scale, rig.signals['theta_d'].scale) == (2.0, 1.0)
     rig = common.rig_from(parse(*args, '--constant', 'D_m=4e-5'))
     assert rig.constants == {'D_m': 4e-5}

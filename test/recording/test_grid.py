@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from hydro_twin.recording.bag import Samples
-from hydro_twin.recording.grid import hold, interpolate, MAX_GAP, MIN_SAMPLES, slowness, to_grid
+from hydro_twin.recording.grid import hold, interpolate, MAX_GAP, MIN_SAMPLES, to_grid
 
 DT = 0.002
 STEP = 2_000_000
@@ -115,16 +115,3 @@ def test_signals_of_different_rates_share_the_grid():
     assert len(series) == 196 + 5 * MAX_GAP   # the last command is held as long as a gap may be
     assert series['u'].tolist() == [min(k // 5, 39) for k in range(len(series))]
     assert series['y'].tolist() == [2 * k for k in range(len(series))]
-
-
-@pytest.mark.parametrize(('period', 'expected'), [
-    (0.0005, 1), (0.002, 1), (0.0021, 1), (0.0025, 2), (0.004, 2), (0.01, 5)])
-def test_a_signal_is_as_slow_as_its_samples_mostly_come(period, expected):
-    rng = np.random.default_rng(0)
-    stamps = period * np.arange(500) + 0.03 * period * rng.standard_normal(500)
-    kept = np.sort(rng.choice(500, 480, replace=False))     # some were lost
-    assert slowness(samples(1e9 * stamps[kept]), DT) == expected
-
-
-def test_one_sample_tells_no_rate():
-    assert slowness(samples([5]), DT) == 1

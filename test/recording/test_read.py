@@ -3,7 +3,6 @@ import weakref
 
 from bags_by_hand import rig, write_bag
 import numpy as np
-import pytest
 
 from hydro_twin.recording import read
 from hydro_twin.recording.signals import SignalMap
@@ -14,8 +13,7 @@ SIGNALS = {
 }
 
 
-@pytest.mark.parametrize('paced_by', [None, 'T'])
-def test_one_bag_is_held_at_a_time(tmp_path, monkeypatch, paced_by):
+def test_one_bag_is_held_at_a_time(tmp_path, monkeypatch):
     bags = [write_bag(tmp_path / str(k), rig(40, start=10**18 + k * 10**12, seed=k))
             for k in range(3)]
     held, still_there = [], []
@@ -29,7 +27,7 @@ def test_one_bag_is_held_at_a_time(tmp_path, monkeypatch, paced_by):
         return found
 
     monkeypatch.setattr(read, 'read_signals', watched)
-    recording = read.read_recording(bags, SIGNALS, ['u'], 0.002, paced_by=paced_by)
+    recording = read.read_recording(bags, SIGNALS, ['u'], 0.002)
     assert len(held) >= 6
     assert not any(still_there)
     for series, bag in zip(recording.series, bags, strict=True):
