@@ -83,7 +83,7 @@ class Model:
         """RMS error that the model had on data it did not fit; None where it does not say."""
         after = self.errors.get('after', {}).get(mode, {})
         value = after.get('test', after.get('train'))
-        return float(value) if value is not None else None
+        return float(value) if value is not None and math.isfinite(value) else None
 
 
 def effect_at(identifier: str, port_name: str, plant: Plant) -> tuple[Effect, Port]:

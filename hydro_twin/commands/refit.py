@@ -20,9 +20,9 @@ if TYPE_CHECKING:
     from rich.console import Console
 
     from hydro_twin.fitting.identifiability import Identifiability
-    from hydro_twin.fitting.refit import Errors
     from hydro_twin.model import Model
     from hydro_twin.predictors.network import Network
+    from hydro_twin.predictors.scores import Errors
     from hydro_twin.recording.series import Recording
 
 
@@ -75,9 +75,10 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
     """
     from hydro_twin.commands.provenance import provenance
     from hydro_twin.fitting.network import check_device
-    from hydro_twin.fitting.refit import bounds_of, errors_of, fit_physics
+    from hydro_twin.fitting.refit import bounds_of, fit_physics
     from hydro_twin.model import Model, read_model, write_model
     from hydro_twin.predictors.analytical import Analytical
+    from hydro_twin.predictors.scores import errors_of
 
     if not args.output.absolute().parent.is_dir():
         raise UserError(f'{args.output}: there is no folder {args.output.parent}')
@@ -97,6 +98,7 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
         'free_run' if (args.predictor, args.method) == ('analytical', 'least_squares')
         else 'one_step')
     train, test = train_and_test(args, rig)
+    parts = {'train': train, 'test': test}
     bounds = bounds_of(train, test, plant)
     model = Model(
         plant, {}, rig.constants, plant.sample_time, args.predictor,
@@ -112,7 +114,7 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
         model = replace(model, parameters=physics.estimates, provenance={
             **model.provenance, 'method': args.method, 'criterion': criterion})
     if args.predictor == 'analytical':
-        errors = errors_of(Analytical(model), train, test)
+        errors = errors_of(Analytical(model), parts)
     else:
         from hydro_twin.predictors.hybrid import NetworkPredictor
         from hydro_twin.predictors.network import save_network
@@ -121,7 +123,7 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
         hidden = network.hidden
         weights = args.output.with_suffix('.safetensors')
         model = replace(model, network=weights.name)
-        errors = errors_of(NetworkPredictor(model, network), train, test)
+        errors = errors_of(NetworkPredictor(model, network), parts)
         save_network(network, weights)
     write_model(replace(model, errors={'after': errors}), args.output)
 

@@ -15,19 +15,15 @@ from hydro_twin.fitting.network import make_problem, Problem
 from hydro_twin.fitting.one_step import at_bound, sensitivities
 from hydro_twin.fitting.populations import METHODS as POPULATIONS
 from hydro_twin.fitting.regression import regression
-from hydro_twin.fitting.start import START
 from hydro_twin.fitting.study import fit as search
 from hydro_twin.model import Estimate, Model
 from hydro_twin.plants import Plant
 from hydro_twin.predictors.analytical import Analytical
-from hydro_twin.predictors.predictor import Predictor
-from hydro_twin.predictors.scores import pooled, rms
+from hydro_twin.predictors.scores import Errors, persistence, predict
 from hydro_twin.recording.series import Recording
 
 CRITERIA = ('free_run', 'one_step')
 METHODS = ('least_squares', *POPULATIONS, 'network')
-
-Errors = dict[str, dict[str, float]]        # mode -> part -> RMS error, in the output's unit
 
 
 @dataclass(frozen=True)
@@ -114,37 +110,8 @@ def network_problem(train: Recording, model: Model) -> Problem:
     predicted = None
     if model.kind == 'hybrid':
         analytical = Analytical(model)
-        predicted = [analytical.one_step(series) for series in train.series]
+        predicted = predict(analytical, train.series, 'one_step')
     return make_problem(train.series, model.plant, predicted)
-
-
-def errors_of(predictor: Predictor, train: Recording, test: Recording) -> Errors:
-    """Score a model on both parts.
-
-    One step leaves out the order + 1 samples of each series that only feed the regressors, as
-    in [B19]. A free run of an analytical model starts from the state that the first samples of
-    a series show, any other at rest; neither scores these samples.
-    """
-    plant = predictor.plant
-    errors: Errors = {'one_step': {}, 'free_run': {}}
-    for name, part in (('train', train), ('test', test)):
-        one_step = [predictor.one_step(series) for series in part.series]
-        errors['one_step'][name] = rms(
-            pooled(part, plant.output.name, one_step, plant.order + 1)[0])
-        errors['free_run'][name] = _free_run_error(predictor, part)
-    return errors
-
-
-def _free_run_error(predictor: Predictor, part: Recording) -> float:
-    from hydro_twin.fitting.candidate import Candidate
-
-    model, plant = predictor.model, predictor.plant
-    if model.kind == 'analytical':
-        candidate = Candidate(plant, model.values, model.sample_time, model.placed, model.timing,
-                              model.substeps)
-        return rms(np.concatenate([candidate.residual(p) for p in parts_of(part, plant)]))
-    free_run = [predictor.free_run(series) for series in part.series]
-    return rms(pooled(part, plant.output.name, free_run, START)[0])
 
 
 def bounds_of(train: Recording, test: Recording, plant: Plant) -> Errors:
@@ -155,10 +122,11 @@ def bounds_of(train: Recording, test: Recording, plant: Plant) -> Errors:
         that fits the training part best with no physics to bind it.
     """
     inputs = [signal.name for signal in plant.inputs]
+    parts = {'train': train, 'test': test}
     factors = {name: regression(part.series, plant.output.name, inputs, plant.order)
-               for name, part in (('train', train), ('test', test))}
+               for name, part in parts.items()}
     best = factors['train'].best()
     return {
-        'persistence': {name: factor.persistence() for name, factor in factors.items()},
+        'persistence': {name: persistence(part, plant) for name, part in parts.items()},
         'unconstrained': {name: float(factor.rms(best)) for name, factor in factors.items()},
     }

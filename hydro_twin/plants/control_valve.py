@@ -50,4 +50,5 @@ CONTROL_VALVE = Plant(
     ),
     laws=laws,
     at_rest=(),
+    start_up=10.0,                              # three lags of a positioner, some 3 s
 )

@@ -51,4 +51,5 @@ CYLINDER = Plant(
     ),
     laws=laws,
     at_rest=('q',),
+    start_up=0.1,                               # three lags of a valve, some 30 ms
 )

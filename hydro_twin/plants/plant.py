@@ -111,6 +111,8 @@ class Plant:
             product of powers that can be known: ({'V_m': 1, 'beta_e': -1}, ...).
         at_rest: the states whose rate is taken as zero at the first sample; with the measured
             output they give the state at which a run starts.
+        start_up: time [s] at the begin of a series in which the measured output shows the state at
+            the start, and a run from rest forgets most of it. Not scored in a free run.
         output_scale: a typical large output, by which networks scale theirs.
     """
 
@@ -125,6 +127,7 @@ class Plant:
     ports: tuple[Port, ...]
     laws: Callable[[Mapping[str, float]], Laws]
     at_rest: tuple[str, ...]
+    start_up: float
     combinations: tuple[Mapping[str, int], ...] = ()
     output_scale: float = 1.0
 
@@ -137,6 +140,14 @@ class Plant:
     def order(self) -> int:
         """Number of states, which is the order of the difference equation."""
         return len(self.states)
+
+    def start_samples(self, sample_time: float) -> int:
+        """Count the samples of the start-up at a sample time [s].
+
+        At least twice as many as a one-step prediction needs, so that noise is averaged out of
+        the states that they show.
+        """
+        return max(2 * (self.order + 1), round(self.start_up / sample_time))
 
     def constant_values(self, given: Mapping[str, float] | None = None) -> dict[str, float]:
         """Merge constants given by the user into the defaults.

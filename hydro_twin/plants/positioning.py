@@ -43,4 +43,5 @@ POSITIONING = Plant(
     ),
     laws=laws,
     at_rest=('x',),
+    start_up=0.05,              # shows position and velocity of the mass, which it does not forget
 )
