@@ -111,7 +111,7 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
         with progress('fitting the physics'):
             physics = fit_physics(train, plant, rig.constants, args.method, criterion, args.seed)
         known = physics.known
-        model = replace(model, parameters=physics.estimates, provenance={
+        model = replace(model, parameters=physics.estimates, notes=physics.notes, provenance={
             **model.provenance, 'method': args.method, 'criterion': criterion})
     if args.predictor == 'analytical':
         errors = errors_of(Analytical(model), parts)
@@ -132,10 +132,11 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
         'model': str(args.output),
         'unit': plant.output.unit,
         'parameters': {name: {'value': e.value, 'unit': units[name], 'std_error': e.std_error,
-                              'identifiable': e.identifiable}
+                              'identifiable': e.identifiable, 'at_bound': e.at_bound or None}
                        for name, e in model.parameters.items()},
         'hidden': list(hidden),
-        'at_bound': list(known.at_bound) if known else [],
+        'at_bound': [name for name, e in model.parameters.items() if e.at_bound],
+        'notes': list(model.notes),
         'combinations': dict(known.combinations) if known else {},
         'train': _part(errors, 'train'),
         'test': _part(errors, 'test'),
@@ -186,18 +187,23 @@ def show(result: dict[str, Any], console: Console) -> None:
     """Print parameters and errors."""
     from rich.table import Table
 
+    from hydro_twin.fitting.refit import BIASED
+
     if result['parameters']:
         table = Table('parameter', 'value', 'standard error', 'unit')
         for name, p in result['parameters'].items():
             error = f'{p["std_error"]:.2g}' if p['std_error'] is not None else (
-                'at its bound' if name in result['at_bound'] else
-                'not identifiable' if not p['identifiable'] else 'unknown')
+                f'at its {p["at_bound"]} bound' if p['at_bound'] else
+                'not identifiable' if not p['identifiable'] else
+                'biased' if BIASED in result['notes'] else 'unknown')
             table.add_row(name, f'{p["value"]:.5g}', error, p['unit'])
         console.print(table)
     for name, error in result['combinations'].items():
         if error is not None:
             console.print(f'{name} is known to {100 * error:.2g} %, its members are not',
                           highlight=False)
+    for note in result['notes']:
+        console.print(f'Note: {note}.', highlight=False)
     if result['hidden']:
         console.print(f'hidden layers: {", ".join(map(str, result["hidden"]))}', highlight=False)
     table = Table(f'RMS error, {result["unit"]}', 'train', 'test')

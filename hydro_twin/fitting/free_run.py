@@ -92,7 +92,7 @@ def effect_unknowns(index: int, placed: Placed) -> list[Unknown]:
               if not p.fixed]
     largest = max((abs(v) for _, v in moving if math.isfinite(v)), default=1.0)
     for p, value in moving:
-        if p.refinement is not None and value == p.refinement:
+        if value in (p.refinement, p.unreached):
             continue
         own = abs(value) if placed.effect.named else 0.0
         unknowns.append(Unknown(p.name, str(index), p.lower, p.upper, p.log,

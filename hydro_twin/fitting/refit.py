@@ -2,7 +2,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -18,12 +18,17 @@ from hydro_twin.fitting.regression import regression
 from hydro_twin.fitting.study import fit as search
 from hydro_twin.model import Estimate, Model
 from hydro_twin.plants import Plant
+from hydro_twin.plants.plant import Parameter
 from hydro_twin.predictors.analytical import Analytical
 from hydro_twin.predictors.scores import Errors, persistence, predict
 from hydro_twin.recording.series import Recording
+from hydro_twin.residual.noise import is_white
 
 CRITERIA = ('free_run', 'one_step')
 METHODS = ('least_squares', *POPULATIONS, 'network')
+BIASED = ('one-step fit with a residual that is not white: noise of the measured outputs among the '
+          'regressors biases the values by an unknown amount, so no standard errors are given; '
+          'a least-squares fit of the free run is free of this bias')
 
 
 @dataclass(frozen=True)
@@ -32,10 +37,12 @@ class Physics:
 
     Attributes:
         known: what the data determine; None where the method cannot tell.
+        notes: what must be said beside the values.
     """
 
     estimates: Mapping[str, Estimate]
     known: Identifiability | None
+    notes: tuple[str, ...] = ()
 
 
 def fit_physics(train: Recording, plant: Plant, constants: Mapping[str, float], method: str,
@@ -54,6 +61,7 @@ def fit_physics(train: Recording, plant: Plant, constants: Mapping[str, float], 
         UserError: the method is not for this plant, or knows another criterion only.
         DataError: the samples do not allow it.
     """
+    biased = False
     if method == 'network':
         return _published(train, plant, seed)
     if method == 'least_squares' and criterion == 'free_run':
@@ -68,21 +76,34 @@ def fit_physics(train: Recording, plant: Plant, constants: Mapping[str, float], 
         factor = regression(train.series, plant.output.name, inputs, plant.order)
         best = search(method, factor, coefficients, plant, seed).best
         lower, upper = np.array([(p.lower, p.upper) for p in plant.parameters]).T
-        known = assess(sensitivities(train.series, plant.output.name, inputs, plant.order,
-                                     coefficients, best),
-                       names, plant.combinations, at_bound(names, best, lower, upper))
+        slopes = list(sensitivities(train.series, plant.output.name, inputs, plant.order,
+                                    coefficients, best))
+        known = assess(slopes, names, plant.combinations, at_bound(names, best, lower, upper))
+        biased = not is_white([residual for _, residual in slopes])
         values = dict(zip(names, best.tolist(), strict=True))
     else:
         raise UserError(f'--method {method} minimises the one-step error, as in [B19]; '
                         'only least_squares knows --criterion free_run')
-    return Physics({name: _estimate(value, known.std_error[name])
-                    for name, value in values.items()}, known)
+    estimates = {p.name: _estimate(p, values[p.name], known, biased) for p in plant.parameters}
+    notes = [f'{p.name} ended at the {estimates[p.name].at_bound} bound of its search, '
+             f'{estimates[p.name].value:g} {p.unit}: not an estimate, and the standard errors of '
+             f'the others take it as given' for p in plant.parameters
+             if estimates[p.name].at_bound]
+    if biased:
+        known = replace(known, combinations=dict.fromkeys(known.combinations))
+        notes.append(BIASED)
+    return Physics(estimates, known, tuple(notes))
 
 
-def _estimate(value: float, relative: float | None) -> Estimate:
-    """Join a value and its relative standard error, None where the data do not tell it."""
-    return Estimate(float(value), None if relative is None else float(value * relative),
-                    relative is not None)
+def _estimate(p: Parameter, value: float, known: Identifiability, biased: bool) -> Estimate:
+    """Say what is known of a parameter; no standard error where the fit is biased."""
+    relative = known.std_error[p.name]
+    edge = ''
+    if p.name in known.at_bound:
+        edge = 'lower' if value * value < p.lower * p.upper else 'upper'
+    return Estimate(float(value),
+                    None if relative is None or biased else float(value * relative),
+                    relative is not None, edge)
 
 
 def _published(train: Recording, plant: Plant, seed: int) -> Physics:

@@ -51,4 +51,5 @@ CONTROL_VALVE = Plant(
     laws=laws,
     at_rest=(),
     start_up=10.0,                              # three lags of a positioner, some 3 s
+    output_range=(0.0, 1.0),                    # shut to open
 )

@@ -113,6 +113,7 @@ class Plant:
             output they give the state at which a run starts.
         start_up: time [s] at the begin of a series in which the measured output shows the state at
             the start, and a run from rest forgets most of it. Not scored in a free run.
+        output_range: least and largest output that there physically is, where that is bounded.
         output_scale: a typical large output, by which networks scale theirs.
     """
 
@@ -130,6 +131,7 @@ class Plant:
     start_up: float
     combinations: tuple[Mapping[str, int], ...] = ()
     output_scale: float = 1.0
+    output_range: tuple[float, float] | None = None
 
     @property
     def signals(self) -> tuple[Signal, ...]:

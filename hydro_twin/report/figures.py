@@ -108,9 +108,9 @@ def _output(trace: Trace, ran: Sequence[Run]) -> Illustration:
         views.append(View(f'{run.label}, {source}' if source else run.label, (above, below)))
     caption = (
         f'Above, the {output.meaning} as measured and in free run, from rest at the first sample '
-        f'measured of each series. Below, the residual: measured less predicted, without the first '
-        f'{trace.plant.start_up:g} s of a series, which are not scored. Nothing was fitted to the '
-        f'test parts.')
+        f'measured of each series. Below, the residual: measured less predicted, without the '
+        f'start-up of each series, {trace.plant.start_up:g} s, which is not scored. '
+        f'Nothing was fitted to the test parts.')
     if any(len(run.measured) > most for run in ran):
         caption += ' Long parts are drawn by the least and the largest of every few samples.'
     return Illustration('output', 'Measured and predicted', caption, tuple(views))

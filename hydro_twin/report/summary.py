@@ -86,13 +86,14 @@ def sentence(trace: Trace, verdict: Verdict) -> str:
 
 def when(trace: Trace) -> list[dict[str, Any]]:
     """Say when much of what is left comes, if seldom, in seconds from the begin of its bag."""
-    parts, sample_time = [*trace.train, *trace.test], trace.after.candidate.sample_time
+    parts, candidate = [*trace.train, *trace.test], trace.after.candidate
+    sample_time = candidate.sample_time
     begin = {bag: min(part.start for part in parts if part.source == bag)
              for bag in {part.source for part in parts}}
     spells = []
     for burst in trace.bursts:
         part = parts[burst.stretch]
-        at = 1e-9 * (part.start - begin[part.source]) + trace.after.candidate.start_up * sample_time
+        at = 1e-9 * (part.start - begin[part.source]) + candidate.start_up * sample_time
         spells.append({'bag': part.source, 'from_s': at + burst.begin * sample_time,
                        'to_s': at + burst.end * sample_time})
     return sorted(spells, key=lambda spell: (spell['bag'], spell['from_s']))
@@ -201,7 +202,7 @@ def effect_estimates(fit: Fit) -> list[dict[str, Any]]:
         p.name: {'value': value, 'unit': placed.effect.unit(p, placed.port),
                  'std_error': errors.get(f'{index}:{p.name}')}
         for p, value in zip(placed.effect.parameters, placed.values, strict=True)
-        if value != p.refinement}
+        if value not in (p.refinement, p.unreached)}
         for index, placed in enumerate(fit.candidate.effects)]
 
 

@@ -37,6 +37,7 @@ from hydro_twin.residual.curve import (
     is_mostly_constant,
 )
 from hydro_twin.residual.excerpt import excerpt, harmless_factor, resampled, thin
+from hydro_twin.residual.limits import without_unreached
 from hydro_twin.residual.noise import Burst, bursts, is_white, Line, lines, noise_floor
 from hydro_twin.residual.proof import Improvement, improvement, proof, residuals
 from hydro_twin.residual.screen import Hidden, hidden
@@ -202,6 +203,8 @@ def _trace(train: Recording, test: Recording, plant: Plant,
         before = base
     elif factor > 1:
         before = search(before.candidate, fine, 1)
+    after = without_unreached(after, fine)
+    found = found and replace(found, fit=without_unreached(found.fit, fine))
     gain = _gain(before, after if found is None else found.fit, test, seed)
     if gain.relative < 0.0:     # the report would show that what was added makes it worse
         chain, after, found = Chain(base), base, None

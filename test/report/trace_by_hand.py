@@ -60,7 +60,7 @@ def recording(truth, made):
     names = [signal.name for signal in truth.plant.inputs]
     return Recording(tuple(
         Series({**dict(zip(names, part.inputs.T, strict=True)),
-                truth.plant.output.name: part.measured}, truth.sample_time, part.start, part.source)
+                truth.plant.output.name: part.measured}, truth.sample_time, 0, part.source)
         for part in made))
 
 
