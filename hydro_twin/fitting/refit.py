@@ -26,8 +26,8 @@ from hydro_twin.residual.noise import is_white
 
 CRITERIA = ('free_run', 'one_step')
 METHODS = ('least_squares', *POPULATIONS, 'network')
-BIASED = ('one-step fit with a residual that is not white: noise of the measured outputs among the '
-          'regressors biases the values by an unknown amount, so no standard errors are given; '
+BIASED = ('one-step fit with a residual that is not white: noise of the measured outputs among '
+          'the regressors biases the values by an unknown amount, so none has a standard error; '
           'a least-squares fit of the free run is free of this bias')
 
 
@@ -86,8 +86,8 @@ def fit_physics(train: Recording, plant: Plant, constants: Mapping[str, float], 
                         'only least_squares knows --criterion free_run')
     estimates = {p.name: _estimate(p, values[p.name], known, biased) for p in plant.parameters}
     notes = [f'{p.name} ended at the {estimates[p.name].at_bound} bound of its search, '
-             f'{estimates[p.name].value:g} {p.unit}: not an estimate, and the standard errors of '
-             f'the others take it as given' for p in plant.parameters
+             f'{estimates[p.name].value:g} {p.unit}: not an estimate, and what is said of the '
+             f'others holds for this value' for p in plant.parameters
              if estimates[p.name].at_bound]
     if biased:
         known = replace(known, combinations=dict.fromkeys(known.combinations))
