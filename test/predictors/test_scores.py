@@ -85,7 +85,7 @@ def test_the_start_up_is_a_time():
 def test_a_one_step_fit_has_standard_errors_where_its_residual_is_white():
     """The noise drives the difference equation itself, so that least squares has no bias."""
     rng = np.random.default_rng(0)
-    true = model(T_y=0.02, tau=0.01, T_c=0.2, k_1=1.0)
+    true = model(T_y=0.02, tau=0.005, T_c=0.2, k_1=1.0)
     equation = Analytical(true).equation
     command = np.repeat(rng.uniform(0.0, 1.0, 200), 20)
     y = np.zeros(len(command))
