@@ -19,6 +19,7 @@ from hydro_twin.recording.clock import same
 FORMAT = 1
 NOT_IDENTIFIABLE = 'not identifiable'
 NOT_EXPLAINED = 'not explained'
+NOT_REACHED = 'not reached'
 KINDS = ('analytical', 'mlp', 'hybrid')
 MOST_SUBSTEPS = 1024            # in a sample: 2 us at 500 Hz, which no effect needs
 
@@ -30,11 +31,13 @@ class Estimate:
     Attributes:
         std_error: standard error in the parameter's unit; None where it is not known.
         identifiable: whether the data determine it at all (alone, not only in a combination).
+        at_bound: 'lower' or 'upper', the edge of the search box at which the fit stopped; or ''.
     """
 
     value: float
     std_error: float | None = None
     identifiable: bool = True
+    at_bound: str = ''
 
 
 @dataclass(frozen=True)
@@ -57,6 +60,7 @@ class Model:
         errors: {'before' and 'after': {'one_step' and 'free_run': {'train', 'test'}}}, in the
             unit of the output.
         provenance: bags with their SHA-256, command, seed, version.
+        notes: what a reader of the values must know, a sentence each.
     """
 
     plant: Plant
@@ -70,6 +74,7 @@ class Model:
     network: str | None = None
     errors: Mapping[str, Any] = field(default_factory=dict)
     provenance: Mapping[str, Any] = field(default_factory=dict)
+    notes: tuple[str, ...] = ()
 
     @property
     def values(self) -> dict[str, float]:
@@ -104,7 +109,7 @@ class Model:
         """RMS error that the model had on data it did not fit; None where it does not say."""
         after = self.errors.get('after', {}).get(mode, {})
         value = after.get('test', after.get('train'))
-        return float(value) if value is not None else None
+        return float(value) if value is not None and math.isfinite(value) else None
 
 
 def effect_at(identifier: str, port_name: str, plant: Plant) -> tuple[Effect, Port]:
@@ -158,7 +163,8 @@ def _filled(effect: Effect, port: Port, parameters: Mapping[str, float]) -> Plac
                          f'it has {", ".join(sorted(known))}')
     values = []
     for p in effect.parameters:
-        value = parameters.get(p.name, p.refinement)
+        neutral = p.unreached if p.refinement is None else p.refinement
+        value = parameters.get(p.name, neutral)
         if value is None:
             raise ModelError(f'effect {identifier}: parameter {p.name} is missing')
         if not p.lower <= value <= p.upper:
@@ -186,7 +192,8 @@ def document(model: Model) -> dict[str, Any]:
                       for name, value in model.constants.items()},
         'parameters': {
             name: {'value': p.value, 'unit': units[name],
-                   'std_error': p.std_error if p.identifiable else NOT_IDENTIFIABLE}
+                   'std_error': p.std_error if p.identifiable else NOT_IDENTIFIABLE,
+                   **({'at_bound': p.at_bound} if p.at_bound else {})}
             for name, p in model.parameters.items()},
         'timing': dict(model.timing),
         'effects': [{
@@ -195,12 +202,14 @@ def document(model: Model) -> dict[str, Any]:
             **_found(effect.placed),
             'parameters': {
                 p.name: {'value': value, 'unit': effect.placed.effect.unit(p, effect.placed.port),
-                         'std_error': effect.std_errors.get(p.name)}
+                         'std_error': (NOT_REACHED if value == p.unreached else
+                                       effect.std_errors.get(p.name))}
                 for p, value in zip(effect.placed.effect.parameters, effect.placed.values,
                                     strict=True)
                 if value != p.refinement},
         } for effect in model.effects],
         'network': model.network,
+        **({'notes': list(model.notes)} if model.notes else {}),
         'errors': dict(model.errors),
         'provenance': dict(model.provenance),
     }
@@ -263,7 +272,7 @@ def _from_document(raw: Mapping[str, Any]) -> Model:
         estimates[name] = Estimate(
             _number(name, p['value']),
             None if spread in (None, NOT_IDENTIFIABLE) else _number(name, spread),
-            spread != NOT_IDENTIFIABLE)
+            spread != NOT_IDENTIFIABLE, str(p.get('at_bound') or ''))
     kind = raw.get('predictor', 'analytical')
     if kind not in KINDS:
         raise ModelError(f'predictor {kind!r}; there are {", ".join(KINDS)}')
@@ -275,7 +284,8 @@ def _from_document(raw: Mapping[str, Any]) -> Model:
                       if e['id'] == CURVE.id else effect_at(e['id'], e['port'], plant)),
                     {name: _number(f'effect {e["id"]}: {name}', p['value'])
                      for name, p in e['parameters'].items()}),
-            {name: p.get('std_error') for name, p in e['parameters'].items()})
+            {name: None if p.get('std_error') == NOT_REACHED else p.get('std_error')
+             for name, p in e['parameters'].items()})
         for e in raw.get('effects') or ())
     timing = {name: _number(f'timing of {name}', t) for name, t in
               (raw.get('timing') or {}).items()}
@@ -290,7 +300,7 @@ def _from_document(raw: Mapping[str, Any]) -> Model:
         plant=plant, parameters=estimates, constants=plant.constant_values(constants),
         sample_time=sample_time, kind=kind, effects=effects, timing=timing, substeps=substeps,
         network=raw.get('network'), errors=raw.get('errors') or {},
-        provenance=raw.get('provenance') or {})
+        provenance=raw.get('provenance') or {}, notes=tuple(map(str, raw.get('notes') or ())))
 
 
 def _number(name: str, value: object) -> float:

@@ -20,9 +20,9 @@ if TYPE_CHECKING:
     from rich.console import Console
 
     from hydro_twin.fitting.identifiability import Identifiability
-    from hydro_twin.fitting.refit import Errors
     from hydro_twin.model import Model
     from hydro_twin.predictors.network import Network
+    from hydro_twin.predictors.scores import Errors
     from hydro_twin.recording.series import Recording
 
 
@@ -75,9 +75,10 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
     """
     from hydro_twin.commands.provenance import provenance
     from hydro_twin.fitting.network import check_device
-    from hydro_twin.fitting.refit import bounds_of, errors_of, fit_physics
+    from hydro_twin.fitting.refit import bounds_of, fit_physics
     from hydro_twin.model import Model, read_model, write_model
     from hydro_twin.predictors.analytical import Analytical
+    from hydro_twin.predictors.scores import errors_of
 
     if not args.output.absolute().parent.is_dir():
         raise UserError(f'{args.output}: there is no folder {args.output.parent}')
@@ -98,6 +99,7 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
         'free_run' if (args.predictor, args.method) == ('analytical', 'least_squares')
         else 'one_step')
     train, test = train_and_test(args, rig)
+    parts = {'train': train, 'test': test}
     bounds = bounds_of(train, test, plant)
     model = Model(
         plant, {}, rig.constants, train.sample_time, args.predictor,
@@ -110,10 +112,10 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
         with progress('fitting the physics'):
             physics = fit_physics(train, plant, rig.constants, args.method, criterion, args.seed)
         known = physics.known
-        model = replace(model, parameters=physics.estimates, provenance={
+        model = replace(model, parameters=physics.estimates, notes=physics.notes, provenance={
             **model.provenance, 'method': args.method, 'criterion': criterion})
     if args.predictor == 'analytical':
-        errors = errors_of(Analytical(model), train, test)
+        errors = errors_of(Analytical(model), parts)
     else:
         from hydro_twin.predictors.hybrid import NetworkPredictor
         from hydro_twin.predictors.network import save_network
@@ -122,7 +124,7 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
         hidden = network.hidden
         weights = args.output.with_suffix('.safetensors')
         model = replace(model, network=weights.name)
-        errors = errors_of(NetworkPredictor(model, network), train, test)
+        errors = errors_of(NetworkPredictor(model, network), parts)
         save_network(network, weights)
     write_model(replace(model, errors={'after': errors}), args.output)
 
@@ -132,10 +134,11 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
         'unit': plant.output.unit,
         'sample_time': model.sample_time,
         'parameters': {name: {'value': e.value, 'unit': units[name], 'std_error': e.std_error,
-                              'identifiable': e.identifiable}
+                              'identifiable': e.identifiable, 'at_bound': e.at_bound or None}
                        for name, e in model.parameters.items()},
         'hidden': list(hidden),
-        'at_bound': list(known.at_bound) if known else [],
+        'at_bound': [name for name, e in model.parameters.items() if e.at_bound],
+        'notes': list(model.notes),
         'combinations': dict(known.combinations) if known else {},
         'train': _part(errors, 'train'),
         'test': _part(errors, 'test'),
@@ -184,18 +187,23 @@ def show(result: dict[str, Any], console: Console) -> None:
     """Print parameters and errors."""
     from rich.table import Table
 
+    from hydro_twin.fitting.refit import BIASED
+
     if result['parameters']:
         table = Table('parameter', 'value', 'standard error', 'unit')
         for name, p in result['parameters'].items():
             error = f'{p["std_error"]:.2g}' if p['std_error'] is not None else (
-                'at its bound' if name in result['at_bound'] else
-                'not identifiable' if not p['identifiable'] else 'unknown')
+                f'at its {p["at_bound"]} bound' if p['at_bound'] else
+                'not identifiable' if not p['identifiable'] else
+                'biased' if BIASED in result['notes'] else 'unknown')
             table.add_row(name, f'{p["value"]:.5g}', error, p['unit'])
         console.print(table)
     for name, error in result['combinations'].items():
         if error is not None:
             console.print(f'{name} is known to {100 * error:.2g} %, its members are not',
                           highlight=False)
+    for note in result['notes']:
+        console.print(f'Note: {note}.', highlight=False)
     if result['hidden']:
         console.print(f'hidden layers: {", ".join(map(str, result["hidden"]))}', highlight=False)
     table = Table(f'RMS error, {result["unit"]}', 'train', 'test')

@@ -63,7 +63,7 @@ def _replay(bag: Path, model: Path, output: Path | None, config: Path | None,
             picture: Path | None, beside: Sequence[Path]) -> dict[str, Any]:
     from hydro_twin.model import read_model
     from hydro_twin.predictors import load, MODES
-    from hydro_twin.predictors.scores import fit_percent, persistence, pooled, rms
+    from hydro_twin.predictors.scores import fit_percent, persistence, pooled, predict, rms
 
     if output is not None and output.exists():
         raise UserError(f'{output} exists already: it is not overwritten')
@@ -76,33 +76,28 @@ def _replay(bag: Path, model: Path, output: Path | None, config: Path | None,
     recording = read([bag], rig)
     predictor = load(model, recording.sample_time)
     others = {path: load(path, recording.sample_time) for path in beside}
-    predictions: dict[str, list[FloatArray]] = {mode: [] for mode in MODES}
-    with progress('replaying', len(recording.series)) as tick:
-        for series in recording.series:
-            predictions['one_step'].append(predictor.one_step(series))
-            predictions['free_run'].append(predictor.free_run(series))
-            tick()
+    with progress('replaying'):
+        predictions = {mode: predict(predictor, recording.series, mode) for mode in MODES}
     result: dict[str, Any] = {
         'samples': sum(map(len, recording.series)),
         'series': len(recording.series),
         'sample_time': recording.sample_time,
         'unit': plant.output.unit,
     }
-    # One step has no prediction until the regressors are full; a free run starts at once.
-    for mode, skip in (('one_step', plant.order), ('free_run', 0)):
-        error, measured = pooled(recording, plant.output.name, predictions[mode], skip)
+    for mode in MODES:
+        error, measured = pooled(recording, plant, predictions[mode], mode)
         result[mode] = {'rmse': rms(error), 'fit_percent': fit_percent(error, measured)}
-    result['persistence'] = {'rmse': persistence(recording, plant.output.name)}
+    result['persistence'] = {'rmse': persistence(recording, plant)}
     if output is not None:
         _write(bag, output, recording, predictions, rig)
         result['output'] = str(output)
     if picture is not None:
         from hydro_twin.report.picture import draw, write_picture
 
-        runs = {str(path): [other.free_run(series) for series in recording.series]
+        runs = {str(path): predict(other, recording.series, 'free_run')
                 for path, other in others.items()}
         runs[str(model)] = predictions['free_run']
-        write_picture(draw(recording, plant.output, runs), picture)
+        write_picture(draw(recording, plant, runs), picture)
         result['picture'] = str(picture)
     return result
 

@@ -26,7 +26,9 @@ START = 1_000_000_000_000                   # stamp of the first sample [ns]
 PAUSE = 1_000_000_000                       # between two series [ns] ...
 PAUSE_SAMPLES = 10                          # ... and at least, so that they are told apart
 SHARES = (0.5, 0.2)                         # of a large output: first input, each of the others
-B19 = ('sine:frequency=1', 'sine:frequency=7', 'sine:frequency=9')
+WITHIN = 0.4                                # of the range of the output, about its middle
+B19 = (1.0, 7.0, 9.0)                       # frequencies of the first input [Hz], as in [B19] ...
+PERIOD = 10                                 # ... or as much slower as gives each so many samples
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -45,7 +47,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
                         help="as 'u_m=sine:frequency=7,amplitude=0.3'; kinds are sine, multisine, "
                         'chirp, steps and random. Repeated for one input, each makes one more '
                         'series. Default: on the first input sinusoids of 1, 7 and 9 Hz, random '
-                        'motion on the others; an amplitude that suits the linear plant')
+                        'motion on the others; an amplitude that suits the linear plant, about '
+                        'the middle of its range if it has one; slower where samples are rare')
     parser.add_argument('--burst', action='append', default=[],
                         metavar='INPUT:begin=S,length=S,frequency=HZ,amplitude=VALUE',
                         help='a vibration on top of the excitation of an input, in every series; '
@@ -93,6 +96,7 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
 
     values = {**rig.constants, **parameters}
     laws = plant.laws(values)
+    middle, largest = _reach(plant)
     rng = np.random.default_rng(args.seed)
     series, truth, start = [], [], START
     blocks = len(table) * round(args.duration / sample_time / BLOCK)
@@ -100,7 +104,8 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
         for specs in table:
             inputs = {
                 signal.name: make(spec, Run(args.duration, rng), laws, column,
-                                  SHARES[column > 0] * plant.output_scale, sample_time)
+                                  SHARES[column > 0] / SHARES[0] * largest, sample_time,
+                                  0.0 if column else middle)
                 for column, (signal, spec) in enumerate(zip(plant.inputs, specs, strict=True))}
             for name, burst in bursts:
                 inputs[name] = _sum(inputs[name], burst)
@@ -132,6 +137,14 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
     }
 
 
+def _reach(plant: Plant) -> tuple[float, float]:
+    """Say about which output, and how far from it, the first input drives by default."""
+    if plant.output_range is None:
+        return 0.0, SHARES[0] * plant.output_scale
+    low, high = plant.output_range
+    return 0.5 * (low + high), WITHIN * (high - low)
+
+
 def _excitations(texts: list[str], plant: Plant) -> list[list[Spec]]:
     """Say for every series what drives each input."""
     from hydro_twin.simulation.excitation import parse
@@ -142,7 +155,8 @@ def _excitations(texts: list[str], plant: Plant) -> list[list[Spec]]:
         _known(name, plant)
         given[name].append(parse(rest))
     first, *others = given
-    given[first] = given[first] or [parse(text) for text in B19]
+    slower = min(1.0, 1.0 / (PERIOD * max(B19) * plant.sample_time))
+    given[first] = given[first] or [parse(f'sine:frequency={slower * f:.3g}') for f in B19]
     for name in others:
         given[name] = given[name] or [parse('random')]
     count = max(map(len, given.values()))

@@ -19,6 +19,8 @@ class EffectParameter:
         log: whether a search moves in its logarithm (then lower is above zero).
         refinement: the value that leaves it out of the law; the simple law has it fixed there.
             None: part of the simple law.
+        unreached: of a limit, the value that stands for none: a limit that the recording never
+            reached is not a found one. None: no limit.
         fixed: whether it is set from the recording, and no fit moves it.
     """
 
@@ -29,6 +31,7 @@ class EffectParameter:
     upper: float
     log: bool = True
     refinement: float | None = None
+    unreached: float | None = None
     fixed: bool = False
 
 

@@ -25,8 +25,10 @@ EFFECT = Effect(
     title='saturation',
     kinds=('opening', 'command', 'stem', 'linkage'),
     parameters=(
-        EffectParameter('lower', 'least value', 'value', -1e9, 1e9, log=False),
-        EffectParameter('upper', 'largest value', 'value', -1e9, 1e9, log=False),
+        EffectParameter('lower', 'least value', 'value', -1e9, 1e9, log=False,
+                        unreached=-1e9),
+        EffectParameter('upper', 'largest value', 'value', -1e9, 1e9, log=False,
+                        unreached=1e9),
     ),
     starts=starts,
     excitation='use large commands, to the end of the stroke',

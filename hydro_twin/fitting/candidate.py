@@ -11,7 +11,8 @@ from scipy.linalg import expm
 
 from hydro_twin.effects import Placed
 from hydro_twin.errors import DataError
-from hydro_twin.fitting.start import find_start, START, Start
+from hydro_twin.fitting.start import find_start, Start
+from hydro_twin.model import Estimate, FittedEffect, Model
 from hydro_twin.plants import Plant
 from hydro_twin.plants.plant import FloatArray
 from hydro_twin.predictors.scores import rms
@@ -20,7 +21,8 @@ from hydro_twin.recording.series import Recording
 
 STILL = 0.1             # of the movement of a part: its begin is longer where it moves less
 LOST = 10.0             # and less than so many times the noise
-LONGEST = 8 * START     # samples
+LONGEST = 8             # times the start-up of the plant
+SCORED = 20             # least samples scored: some for each parameter, and for the noise
 
 
 @dataclass(frozen=True)
@@ -37,16 +39,19 @@ class Part:
     source: str = ''
     start: int = 0
 
-    @cached_property
-    def beginning(self) -> int:
+    def beginning(self, start_up: int) -> int:
         """How many samples show the state at the start: more where it hardly moves at first.
 
         Within a gap, nothing tells where until a side is met.
+
+        Args:
+            start_up: of the plant [samples].
         """
         noise = np.std(np.diff(self.measured, 2)) / math.sqrt(6.0)
         still = min(STILL * np.std(self.measured), LOST * noise)
-        n = min(START, len(self.measured))
-        while n < min(LONGEST, len(self.measured) // 2) and np.std(self.measured[:n]) <= still:
+        longest = min(LONGEST * start_up, len(self.measured) // 2)
+        n = min(start_up, len(self.measured))
+        while n < longest and np.std(self.measured[:n]) <= still:
             n *= 2
         return n
 
@@ -60,17 +65,25 @@ def parts_of(recording: Recording, plant: Plant) -> list[Part]:
     parts = [
         Part(np.column_stack([series[signal.name] for signal in plant.inputs]),
              np.ascontiguousarray(series[plant.output.name]), series.source, series.start)
-        for series in recording.series if len(series) >= 2 * START]
+        for series in recording.series if len(series) >= least_samples(plant, series.sample_time)]
     if not parts:
-        longest = max((len(series) for series in recording.series), default=0)
-        raise DataError(f'no series is long enough: the longest has {longest} samples, '
-                        f'{2 * START} are needed')
+        longest = max(recording.series, key=len, default=None)
+        raise DataError(
+            'there is no series' if longest is None else
+            f'no series is long enough: the longest has {len(longest)} samples, '
+            f'{least_samples(plant, longest.sample_time)} are needed')
     if not all(np.isfinite(part.inputs).all() and np.isfinite(part.measured).all()
                for part in parts):
         raise DataError('the recording holds values that are not finite')
     if all(np.ptp(part.measured) == 0.0 for part in parts):
         raise DataError(f'{plant.output.name} never moves in the recording')
     return parts
+
+
+def least_samples(plant: Plant, sample_time: float) -> int:
+    """Count the samples that a series must have to be fitted: as many scored as for its start."""
+    start_up = plant.start_samples(sample_time)
+    return start_up + max(start_up, SCORED)
 
 
 @dataclass(frozen=True)
@@ -95,13 +108,26 @@ class Candidate:
         return assemble(self.plant, self.values, self.effects, self.sample_time, self.substeps,
                         self.timing)
 
+    @cached_property
+    def start_up(self) -> int:
+        """How many samples at the begin of a part set its state, and are not scored."""
+        return self.plant.start_samples(self.sample_time)
+
+    def model(self) -> Model:
+        """Make a model of the same values."""
+        constants = {c.name: self.values[c.name] for c in self.plant.constants}
+        return Model(
+            self.plant, {p.name: Estimate(self.values[p.name]) for p in self.plant.parameters},
+            constants, self.sample_time, effects=tuple(map(FittedEffect, self.effects)),
+            timing=dict(self.timing or {}), substeps=self.substeps)
+
     def without(self, index: int) -> Candidate:
         """Take one of the effects out."""
         return replace(self, effects=(*self.effects[:index], *self.effects[index + 1:]))
 
     def start(self, part: Part) -> Start:
         """Find the state at the begin of a part that its first samples show."""
-        n = part.beginning
+        n = part.beginning(self.start_up)
         least = max(1e-3 * rms(part.measured), 1e-12)
         return find_start(self.system, self.free_response(n), part.inputs[:n], part.measured[:n],
                           least)
@@ -125,8 +151,8 @@ class Candidate:
         return self.system.run(part.inputs, start.x, start.z, seen)
 
     def residual(self, part: Part) -> FloatArray:
-        """Measured less free run over the scored samples of a part, (N - START,)."""
-        return (part.measured - self.run(part))[START:]
+        """Measured less free run over the scored samples of a part, (N - start-up,)."""
+        return (part.measured - self.run(part))[self.start_up:]
 
     def fitted_residuals(self, parts: Sequence[Part], starts: Sequence[Start] = ()
                          ) -> list[FloatArray]:
@@ -143,23 +169,23 @@ class Candidate:
             starts: of the runs, to save the search for them.
         """
         response = self.free_response(max(len(part.measured) for part in parts))
-        shown = np.sqrt(np.mean(response[:START]**2, axis=0))
+        shown = np.sqrt(np.mean(response[:self.start_up]**2, axis=0))
         response /= np.where(shown > 0.0, shown, 1.0)
         residuals = []
         for part, start in zip(parts, starts or map(self.start, parts), strict=True):
             missed = part.measured - self.system.run(part.inputs, start.x, start.z)
-            residuals.append(_less_start(missed, response[:len(missed)]))
+            residuals.append(_less_start(missed, response[:len(missed)], self.start_up))
         return residuals
 
 
-def _less_start(missed: FloatArray, response: FloatArray) -> FloatArray:
+def _less_start(missed: FloatArray, response: FloatArray, start_up: int) -> FloatArray:
     """Take off what another start would, by the responses to it, from what was missed."""
-    first, later = missed[:START], missed[START:]
+    first, later = missed[:start_up], missed[start_up:]
     if not np.isfinite(missed).all():
         return later
     weight = (rms(later) / max(rms(first), 1e-6 * rms(later), 1e-150)) ** 2
-    normal = (response[START:].T @ response[START:] + 1e-4 * np.eye(response.shape[1])
-              + max(weight, 1.0) * response[:START].T @ response[:START])
-    rest: FloatArray = later - response[START:] @ np.linalg.solve(
-        normal, response[START:].T @ later)
+    normal = (response[start_up:].T @ response[start_up:] + 1e-4 * np.eye(response.shape[1])
+              + max(weight, 1.0) * response[:start_up].T @ response[:start_up])
+    rest: FloatArray = later - response[start_up:] @ np.linalg.solve(
+        normal, response[start_up:].T @ later)
     return rest

@@ -12,7 +12,7 @@ from hydro_twin.effects import Placed
 from hydro_twin.fitting.candidate import Candidate, Part
 from hydro_twin.fitting.identifiability import assess, Identifiability
 from hydro_twin.fitting.parallel import in_processes, in_threads
-from hydro_twin.fitting.start import START, Start
+from hydro_twin.fitting.start import Start
 from hydro_twin.plants import Plant
 from hydro_twin.plants.plant import FloatArray
 from hydro_twin.predictors.scores import rms
@@ -92,7 +92,7 @@ def effect_unknowns(index: int, placed: Placed) -> list[Unknown]:
               if not p.fixed]
     largest = max((abs(v) for _, v in moving if math.isfinite(v)), default=1.0)
     for p, value in moving:
-        if p.refinement is not None and value == p.refinement:
+        if value in (p.refinement, p.unreached):
             continue
         own = abs(value) if placed.effect.named else 0.0
         unknowns.append(Unknown(p.name, str(index), p.lower, p.upper, p.log,
@@ -214,7 +214,7 @@ class Problem:
                                                   strict=True)}
         self.size = max(rms(np.concatenate([p.measured - p.measured.mean() for p in parts])),
                         1e-300)
-        self.lengths = tuple(len(part.measured) - START for part in parts)
+        self.lengths = tuple(len(part.measured) - base.start_up for part in parts)
         box = usual(base.plant)
         edges = [box[u.name] if u.owner == '' else (-math.inf, math.inf) for u in self.unknowns]
         self.low, self.high = np.array(edges).T

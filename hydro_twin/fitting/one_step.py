@@ -19,7 +19,7 @@ Coefficients = Callable[[npt.NDArray[Any]], npt.NDArray[Any]]
 SCREENED, STARTS = 1024, 12
 COMPLEX_STEP = 1e-30
 PRECISION = 1e-12       # of the squared error: far below what a population could still gain
-AT_BOUND = 1e-6         # of the logarithmic width of the box
+AT_BOUND = 1e-3         # of the logarithmic width of the box: a search may stop this near an edge
 PIECE = 65536           # rows judged at once: longer than any memory of the residual
 
 

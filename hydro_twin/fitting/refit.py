@@ -2,7 +2,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -15,19 +15,20 @@ from hydro_twin.fitting.network import make_problem, Problem
 from hydro_twin.fitting.one_step import at_bound, sensitivities
 from hydro_twin.fitting.populations import METHODS as POPULATIONS
 from hydro_twin.fitting.regression import regression
-from hydro_twin.fitting.start import START
 from hydro_twin.fitting.study import fit as search
 from hydro_twin.model import Estimate, Model
 from hydro_twin.plants import Plant
+from hydro_twin.plants.plant import Parameter
 from hydro_twin.predictors.analytical import Analytical
-from hydro_twin.predictors.predictor import Predictor
-from hydro_twin.predictors.scores import pooled, rms
+from hydro_twin.predictors.scores import Errors, persistence, predict
 from hydro_twin.recording.series import Recording
+from hydro_twin.residual.noise import is_white
 
 CRITERIA = ('free_run', 'one_step')
 METHODS = ('least_squares', *POPULATIONS, 'network')
-
-Errors = dict[str, dict[str, float]]        # mode -> part -> RMS error, in the output's unit
+BIASED = ('one-step fit with a residual that is not white: noise of the measured outputs among '
+          'the regressors biases the values by an unknown amount, so none has a standard error; '
+          'a least-squares fit of the free run is free of this bias')
 
 
 @dataclass(frozen=True)
@@ -36,10 +37,12 @@ class Physics:
 
     Attributes:
         known: what the data determine; None where the method cannot tell.
+        notes: what must be said beside the values.
     """
 
     estimates: Mapping[str, Estimate]
     known: Identifiability | None
+    notes: tuple[str, ...] = ()
 
 
 def fit_physics(train: Recording, plant: Plant, constants: Mapping[str, float], method: str,
@@ -58,6 +61,7 @@ def fit_physics(train: Recording, plant: Plant, constants: Mapping[str, float], 
         UserError: the method is not for this plant, or knows another criterion only.
         DataError: the samples do not allow it.
     """
+    biased = False
     if method == 'network':
         return _published(train, plant, seed)
     if method == 'least_squares' and criterion == 'free_run':
@@ -72,21 +76,34 @@ def fit_physics(train: Recording, plant: Plant, constants: Mapping[str, float], 
         factor = regression(train.series, plant.output.name, inputs, plant.order)
         best = search(method, factor, coefficients, plant, seed).best
         lower, upper = np.array([(p.lower, p.upper) for p in plant.parameters]).T
-        known = assess(sensitivities(train.series, plant.output.name, inputs, plant.order,
-                                     coefficients, best),
-                       names, plant.combinations, at_bound(names, best, lower, upper))
+        slopes = list(sensitivities(train.series, plant.output.name, inputs, plant.order,
+                                    coefficients, best))
+        known = assess(slopes, names, plant.combinations, at_bound(names, best, lower, upper))
+        biased = not is_white([residual for _, residual in slopes])
         values = dict(zip(names, best.tolist(), strict=True))
     else:
         raise UserError(f'--method {method} minimises the one-step error, as in [B19]; '
                         'only least_squares knows --criterion free_run')
-    return Physics({name: _estimate(value, known.std_error[name])
-                    for name, value in values.items()}, known)
+    estimates = {p.name: _estimate(p, values[p.name], known, biased) for p in plant.parameters}
+    notes = [f'{p.name} ended at the {estimates[p.name].at_bound} bound of its search, '
+             f'{estimates[p.name].value:g} {p.unit}: not an estimate, and what is said of the '
+             f'others holds for this value' for p in plant.parameters
+             if estimates[p.name].at_bound]
+    if biased:
+        known = replace(known, combinations=dict.fromkeys(known.combinations))
+        notes.append(BIASED)
+    return Physics(estimates, known, tuple(notes))
 
 
-def _estimate(value: float, relative: float | None) -> Estimate:
-    """Join a value and its relative standard error, None where the data do not tell it."""
-    return Estimate(float(value), None if relative is None else float(value * relative),
-                    relative is not None)
+def _estimate(p: Parameter, value: float, known: Identifiability, biased: bool) -> Estimate:
+    """Say what is known of a parameter; no standard error where the fit is biased."""
+    relative = known.std_error[p.name]
+    edge = ''
+    if p.name in known.at_bound:
+        edge = 'lower' if value * value < p.lower * p.upper else 'upper'
+    return Estimate(float(value),
+                    None if relative is None or biased else float(value * relative),
+                    relative is not None, edge)
 
 
 def _published(train: Recording, plant: Plant, seed: int) -> Physics:
@@ -114,37 +131,8 @@ def network_problem(train: Recording, model: Model) -> Problem:
     predicted = None
     if model.kind == 'hybrid':
         analytical = Analytical(model)
-        predicted = [analytical.one_step(series) for series in train.series]
+        predicted = predict(analytical, train.series, 'one_step')
     return make_problem(train.series, model.plant, predicted)
-
-
-def errors_of(predictor: Predictor, train: Recording, test: Recording) -> Errors:
-    """Score a model on both parts.
-
-    One step leaves out the order + 1 samples of each series that only feed the regressors, as
-    in [B19]. A free run of an analytical model starts from the state that the first samples of
-    a series show, any other at rest; neither scores these samples.
-    """
-    plant = predictor.plant
-    errors: Errors = {'one_step': {}, 'free_run': {}}
-    for name, part in (('train', train), ('test', test)):
-        one_step = [predictor.one_step(series) for series in part.series]
-        errors['one_step'][name] = rms(
-            pooled(part, plant.output.name, one_step, plant.order + 1)[0])
-        errors['free_run'][name] = _free_run_error(predictor, part)
-    return errors
-
-
-def _free_run_error(predictor: Predictor, part: Recording) -> float:
-    from hydro_twin.fitting.candidate import Candidate
-
-    model, plant = predictor.model, predictor.plant
-    if model.kind == 'analytical':
-        candidate = Candidate(plant, model.values, model.sample_time, model.placed, model.timing,
-                              model.substeps)
-        return rms(np.concatenate([candidate.residual(p) for p in parts_of(part, plant)]))
-    free_run = [predictor.free_run(series) for series in part.series]
-    return rms(pooled(part, plant.output.name, free_run, START)[0])
 
 
 def bounds_of(train: Recording, test: Recording, plant: Plant) -> Errors:
@@ -155,10 +143,11 @@ def bounds_of(train: Recording, test: Recording, plant: Plant) -> Errors:
         that fits the training part best with no physics to bind it.
     """
     inputs = [signal.name for signal in plant.inputs]
+    parts = {'train': train, 'test': test}
     factors = {name: regression(part.series, plant.output.name, inputs, plant.order)
-               for name, part in (('train', train), ('test', test))}
+               for name, part in parts.items()}
     best = factors['train'].best()
     return {
-        'persistence': {name: factor.persistence() for name, factor in factors.items()},
+        'persistence': {name: persistence(part, plant) for name, part in parts.items()},
         'unconstrained': {name: float(factor.rms(best)) for name, factor in factors.items()},
     }

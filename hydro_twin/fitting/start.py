@@ -10,7 +10,6 @@ from hydro_twin.plants.plant import FloatArray
 from hydro_twin.predictors.scores import rms
 from hydro_twin.predictors.system import IntArray, System
 
-START = 50              # samples at the begin of a part that set its state, and are not scored
 MOVES = 0.5             # of the mean square missed: less is left where a run starts otherwise
 NEARER = 0.9            # of the mean square missed: more is left by the last step of a search
 NEAR = 0.05             # of the movement: a start that misses less is not on a wrong side

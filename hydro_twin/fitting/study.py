@@ -16,14 +16,14 @@ from hydro_twin.fitting.one_step import Coefficients, least_squares, one_step_er
 from hydro_twin.fitting.populations import METHODS
 from hydro_twin.fitting.regression import Regression, regression
 from hydro_twin.fitting.search import SearchResult
-from hydro_twin.fitting.start import START
 from hydro_twin.model import Estimate, Model
 from hydro_twin.plants import Plant
 from hydro_twin.plants.plant import FloatArray
 from hydro_twin.predictors.analytical import Analytical
 from hydro_twin.predictors.hybrid import NetworkPredictor
-from hydro_twin.predictors.scores import rms
-from hydro_twin.recording.series import Recording, Series
+from hydro_twin.predictors.predictor import Predictor
+from hydro_twin.predictors.scores import errors_of, persistence, predict
+from hydro_twin.recording.series import Recording
 
 TITLES = {'random': 'RG', 'ea': 'EA', 'bees': 'BA', 'pso': 'PSO', 'mlp': 'MLP',
           'hybrid': 'hybrid', 'least_squares': 'LS'}
@@ -39,7 +39,7 @@ Key = tuple[str, str]                       # part, mode
 class Part:
     """Data of the study, and the factor of their one-step problem."""
 
-    series: Sequence[Series]
+    recording: Recording
     factor: Regression
 
 
@@ -117,7 +117,7 @@ def study(
                             for s in seeds]
             models = [model_of('analytical', result.best, plant, constants, sample_time)
                       for result in fits[method]]
-            collect(method, (analytical_run(result, coefficients, parts, model)
+            collect(method, (analytical_run(result, parts, model)
                              for result, model in zip(fits[method], models, strict=True)))
     base = model_of('hybrid', fits['least_squares'][0].best, plant, constants, sample_time)
     mlp = Model(plant, {}, constants, sample_time, 'mlp')
@@ -125,7 +125,7 @@ def study(
     collect('hybrid', network_runs(base, HYBRID, parts, seeds, device))
     best = parts['train'].factor.best()
     return Study(found, {name: part.factor.patterns for name, part in parts.items()},
-                 {name: part.factor.persistence() for name, part in parts.items()},
+                 {name: persistence(part.recording, plant) for name, part in parts.items()},
                  {name: float(part.factor.rms(best)) for name, part in parts.items()})
 
 
@@ -138,8 +138,8 @@ def make_part(name: str, recording: Recording, plant: Plant) -> Part:
     inputs = [signal.name for signal in plant.inputs]
     try:
         parts_of(recording, plant)          # refuses what is too short for a free run
-        return Part(recording.series, regression(recording.series, plant.output.name, inputs,
-                                                 plant.order))
+        return Part(recording, regression(recording.series, plant.output.name, inputs,
+                                          plant.order))
     except DataError as error:
         raise DataError(f'{name} part: {error}') from error
 
@@ -166,16 +166,10 @@ def model_of(
 
 
 def analytical_run(
-    found: SearchResult, coefficients: Coefficients, parts: Mapping[str, Part], model: Model,
+    found: SearchResult, parts: Mapping[str, Part], model: Model,
 ) -> Run:
-    """Score physical parameters, and the model of them, on all parts."""
-    predictor = Analytical(model)
-    c = coefficients(found.best[None])[0]
-    errors = {}
-    for name, part in parts.items():
-        errors[name, 'one_step'] = float(part.factor.rms(c))
-        errors[name, 'free_run'] = free_run_error(predictor, part.series)
-    return Run(errors, found.history)
+    """Score the model of physical parameters on all parts."""
+    return Run(_errors(Analytical(model), parts), found.history)
 
 
 def network_runs(
@@ -183,32 +177,18 @@ def network_runs(
     device: str,
 ) -> Iterator[Run]:
     """Train networks on the training part, on the analytical model's error if it is a hybrid."""
-    problems = {}
-    for name, part in parts.items():
-        predicted = None
-        if model.kind == 'hybrid':
-            analytical = Analytical(model)
-            predicted = [analytical.one_step(series) for series in part.series]
-        problems[name] = make_problem(part.series, model.plant, predicted)
-    jobs = [Job(settings, seed) for seed in seeds]
-    for trained in train_many(problems['train'], jobs, device):
-        predictor = NetworkPredictor(model, trained.network)
-        errors = {}
-        for name, part in parts.items():
-            problem = problems[name]
-            errors[name, 'one_step'] = rms(trained.network(problem.regressors) - problem.targets)
-            errors[name, 'free_run'] = free_run_error(predictor, part.series)
-        yield Run(errors, trained.curve)
+    train = parts['train'].recording.series
+    predicted = predict(Analytical(model), train, 'one_step') if model.kind == 'hybrid' else None
+    problem = make_problem(train, model.plant, predicted)
+    for trained in train_many(problem, [Job(settings, seed) for seed in seeds], device):
+        yield Run(_errors(NetworkPredictor(model, trained.network), parts), trained.curve)
 
 
-def free_run_error(
-    predictor: Analytical | NetworkPredictor, stretches: Sequence[Series],
-) -> float:
-    """RMS of the free run, from rest, once its start is over; infinite if one diverges."""
-    output = predictor.plant.output.name
-    error = rms(np.concatenate([(predictor.free_run(series) - series[output])[START:]
-                                for series in stretches]))
-    return error if math.isfinite(error) else math.inf
+def _errors(predictor: Predictor, parts: Mapping[str, Part]) -> dict[Key, float]:
+    """Score a predictor on all parts; infinite where a run diverges."""
+    errors = errors_of(predictor, {name: part.recording for name, part in parts.items()})
+    return {(part, mode): error if math.isfinite(error) else math.inf
+            for mode, by_part in errors.items() for part, error in by_part.items()}
 
 
 def five_numbers(errors: FloatArray) -> FloatArray:

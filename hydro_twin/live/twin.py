@@ -10,6 +10,7 @@ import numpy as np
 from hydro_twin.live.monitor import Monitor
 from hydro_twin.plants.plant import FloatArray
 from hydro_twin.predictors.predictor import Predictor
+from hydro_twin.predictors.scores import unscored
 
 MAIN = 'main'      # what diagnostics call the twin without a name
 ABSURD = 1000.0   # times a typical large output: a prediction beyond it has diverged
@@ -42,6 +43,7 @@ class Twin:
         self.divergences = 0
         self.residual = math.nan
         self.promised = predictor.model.promised(mode)
+        self._unscored = unscored(predictor.plant, predictor.sample_time, mode)
         self._limit = ABSURD * predictor.plant.output_scale
         self.start_over()
 
@@ -55,6 +57,7 @@ class Twin:
         """Begin a run: the next sample is its first."""
         self._step = self.predictor.stepper(self.mode).step
         self._running = False
+        self._count = 0
 
     def warm_up(self) -> None:
         """Step once for nothing, so that what is compiled is there before the first sample."""
@@ -74,6 +77,7 @@ class Twin:
             The prediction, nan while the run starts up or where it has diverged.
         """
         prediction = self._step(inputs, measured)
+        self._count += 1
         if not abs(prediction) <= self._limit:
             if self._running:
                 self.divergences += 1
@@ -83,6 +87,7 @@ class Twin:
         self._running = True
         self.predictions += 1
         self.residual = measured - prediction
-        if self.monitor is not None and self.residual == self.residual:   # not nan
+        if (self.monitor is not None and self.residual == self.residual     # not nan
+                and self._count > self._unscored):                          # as the promise
             self.monitor.add(stamp, self.residual)
         return prediction

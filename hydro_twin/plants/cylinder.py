@@ -39,4 +39,5 @@ CYLINDER = Plant(
     ),
     equations=equations,
     at_rest=('q',),
+    start_up=0.1,                               # three lags of a valve, some 30 ms
 )

@@ -120,6 +120,9 @@ class Plant:
             product of powers that can be known: ({'V_m': 1, 'beta_e': -1}, ...).
         at_rest: the states whose rate is taken as zero at the first sample; with the measured
             output they give the state at which a run starts.
+        start_up: time [s] at the begin of a series in which the measured output shows the state at
+            the start, and a run from rest forgets most of it. Not scored in a free run.
+        output_range: least and largest output that there physically is, where that is bounded.
         output_scale: a typical large output, by which networks scale theirs.
         closed_form: the coefficients of the difference equation, eq. 1 of [B19], where there are
             formulae for them; otherwise they come from the matrices, which is slower.
@@ -138,10 +141,12 @@ class Plant:
     ports: tuple[Port, ...]
     equations: Equations
     at_rest: tuple[str, ...]
+    start_up: float
     combinations: tuple[Mapping[str, int], ...] = ()
     output_scale: float = 1.0
     closed_form: ClosedForm | None = None
     finest: float = 0.0
+    output_range: tuple[float, float] | None = None
 
     @property
     def signals(self) -> tuple[Signal, ...]:
@@ -188,6 +193,14 @@ class Plant:
         if not np.allclose(wanted, given, rtol=1e-9, atol=1e-9 * float(np.abs(wanted).max())):
             raise ModelError(f'the equations of {self.name} are not linear: what is not belongs '
                              'in an effect')
+
+    def start_samples(self, sample_time: float) -> int:
+        """Count the samples of the start-up at a sample time [s].
+
+        At least twice as many as a one-step prediction needs, so that noise is averaged out of
+        the states that they show.
+        """
+        return max(2 * (self.order + 1), round(self.start_up / sample_time))
 
     def constant_values(self, given: Mapping[str, float] | None = None) -> dict[str, float]:
         """Merge constants given by the user into the defaults.

@@ -35,4 +35,5 @@ POSITIONING = Plant(
     ),
     equations=equations,
     at_rest=('x',),
+    start_up=0.05,              # shows position and velocity of the mass, which it does not forget
 )

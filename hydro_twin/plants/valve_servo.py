@@ -54,4 +54,6 @@ VALVE_SERVO = Plant(
     equations=equations,
     combinations=({'T_c': 1, 'k_1': -1},),      # Y/U holds them only as T_c / k_1
     at_rest=('a', 'y'),
+    start_up=0.1,                               # five time constants of the converter, some 20 ms
+    output_range=(0.0, 1.0),                    # shut to open
 )

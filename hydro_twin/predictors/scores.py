@@ -1,13 +1,28 @@
-"""How far predictions are from what was measured."""
+"""The errors that are reported: one definition of each, for every verb, report and model file.
+
+One step: the predictor's `one_step`, without the first order + 1 samples of each part, which only
+feed the regressors [B19]. Free run: the predictor's `free_run`, without the start-up of each
+series. Persistence: the last sample repeated, on the samples that one step is scored on.
+
+A part of a series is scored by index in the run over the whole series. So a part that begins in
+motion has no start of its own, and the errors of the parts are those of the run that the node and
+`replay` publish.
+"""
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 import math
+from typing import TYPE_CHECKING
 
 import numpy as np
 
-from hydro_twin.plants.plant import FloatArray
-from hydro_twin.recording.series import Recording
+from hydro_twin.plants.plant import FloatArray, Plant
+from hydro_twin.recording.series import Recording, Series
+
+if TYPE_CHECKING:
+    from hydro_twin.predictors.predictor import Predictor
+
+Errors = dict[str, dict[str, float]]        # mode -> part -> RMS error, in the output's unit
 
 
 def rms(error: FloatArray) -> float:
@@ -17,22 +32,88 @@ def rms(error: FloatArray) -> float:
 
 def fit_percent(error: FloatArray, measured: FloatArray) -> float:
     """100 (1 - |error| / |measured - its mean|): 100 is perfect, 0 no better than the mean."""
+    if not len(error):
+        return math.nan
     spread = float(np.linalg.norm(measured - measured.mean()))
     return 100.0 * (1.0 - float(np.linalg.norm(error)) / spread) if spread else math.nan
 
 
-def pooled(recording: Recording, output: str, predictions: Sequence[FloatArray], skip: int
+def unscored(plant: Plant, sample_time: float, mode: str) -> int:
+    """Count the samples at the begin of a series that are not scored.
+
+    Args:
+        plant: the plant.
+        sample_time: of the series [s].
+        mode: 'one_step' or 'free_run'.
+    """
+    return plant.order + 1 if mode == 'one_step' else plant.start_samples(sample_time)
+
+
+def first_scored(series: Series, plant: Plant, mode: str) -> int:
+    """Return the index of the first sample of a series, or a part of one, that is scored."""
+    skipped = unscored(plant, series.sample_time, mode)
+    return skipped if mode == 'one_step' else max(skipped - series.offset, 0)
+
+
+def predict(predictor: Predictor, series: Sequence[Series], mode: str) -> list[FloatArray]:
+    """Predict every sample of each series; of a part, by the run over the series it is cut from.
+
+    Args:
+        predictor: what is run.
+        series: series, or parts of some.
+        mode: 'one_step' or 'free_run'.
+
+    Returns:
+        For each series an array of its length, in the output's unit; nan as `Predictor` says.
+    """
+    run = predictor.one_step if mode == 'one_step' else predictor.free_run
+    runs: dict[int, FloatArray] = {}
+    predictions = []
+    for part in series:
+        whole = part.whole or part
+        if id(whole) not in runs:
+            runs[id(whole)] = run(whole)
+        predictions.append(runs[id(whole)][part.offset:part.offset + len(part)])
+    return predictions
+
+
+def errors_by_series(predictor: Predictor, series: Sequence[Series], mode: str
+                     ) -> list[FloatArray]:
+    """Return measured less predicted, scored samples only, of each series."""
+    output = predictor.plant.output.name
+    return [(part[output] - predicted)[first_scored(part, predictor.plant, mode):]
+            for part, predicted in zip(series, predict(predictor, series, mode), strict=True)]
+
+
+def errors_of(predictor: Predictor, parts: Mapping[str, Recording]) -> Errors:
+    """Score a model on named parts, as 'train' and 'test'; nan where a run diverges."""
+    every = [series for part in parts.values() for series in part.series]
+    errors: Errors = {}
+    for mode in ('one_step', 'free_run'):
+        left = iter(errors_by_series(predictor, every, mode))
+        errors[mode] = {name: rms(np.concatenate([next(left) for _ in part.series]))
+                        for name, part in parts.items()}
+    return errors
+
+
+def pooled(recording: Recording, plant: Plant, predictions: Sequence[FloatArray], mode: str
            ) -> tuple[FloatArray, FloatArray]:
-    """Join the errors of all series, without the first `skip` samples of each.
+    """Join the errors of all series, scored samples only.
 
     Returns:
         (measured - predicted, measured), each of shape (N,).
     """
-    measured = np.concatenate([series[output][skip:] for series in recording.series])
-    predicted = np.concatenate([prediction[skip:] for prediction in predictions])
+    output = plant.output.name
+    scored = [slice(first_scored(series, plant, mode), None) for series in recording.series]
+    measured = np.concatenate([series[output][there] for series, there in
+                               zip(recording.series, scored, strict=True)])
+    predicted = np.concatenate([prediction[there] for prediction, there in
+                                zip(predictions, scored, strict=True)])
     return measured - predicted, measured
 
 
-def persistence(recording: Recording, output: str) -> float:
+def persistence(recording: Recording, plant: Plant) -> float:
     """RMS error of repeating the last sample: what any prediction one step ahead must beat."""
-    return rms(np.concatenate([np.diff(s[output]) for s in recording.series]))
+    return rms(np.concatenate([
+        np.diff(series[plant.output.name][first_scored(series, plant, 'one_step') - 1:])
+        for series in recording.series]))

@@ -20,12 +20,16 @@ class Series:
         sample_time: distance of two samples [s].
         start: stamp of the first sample [ns].
         source: the bag that it comes from, as the user named it.
+        whole: the series that `split` cut it from; None if it was not cut.
+        offset: samples of `whole` before its first.
     """
 
     columns: Mapping[str, FloatArray]
     sample_time: float
     start: int = 0
     source: str = ''
+    whole: Series | None = None
+    offset: int = 0
 
     def __len__(self) -> int:
         """Count the samples."""
@@ -47,6 +51,7 @@ class Series:
             self,
             columns={name: column[begin:end] for name, column in self.columns.items()},
             start=self.start + round(begin * self.sample_time * 1e9),
+            whole=None, offset=0,
         )
 
 
@@ -108,12 +113,15 @@ def split(recording: Recording, nth: int = 3, skipped: int = 0) -> tuple[Recordi
 
     Returns:
         (train, test); train has a series for what comes before the test part and one for what
-        comes after it.
+        comes after it. Each knows the series that it is cut from, over which a run goes.
     """
+    def cut(s: Series, begin: int, end: int) -> Series:
+        return replace(s.part(begin, end), whole=s, offset=begin)
+
     train, test = [], []
     for s in recording.series:
         begin, end = len(s) * skipped // nth, len(s) * (skipped + 1) // nth
-        train += [s.part(0, begin)] if begin else []
-        train.append(s.part(end, len(s)))
-        test.append(s.part(begin, end))
+        train += [cut(s, 0, begin)] if begin else []
+        train.append(cut(s, end, len(s)))
+        test.append(cut(s, begin, end))
     return Recording(tuple(train), recording.sources), Recording(tuple(test), recording.sources)

@@ -9,10 +9,11 @@ import numpy as np
 from scipy import signal
 
 from hydro_twin.effects.curve import values
-from hydro_twin.fitting.candidate import Part
-from hydro_twin.fitting.start import START
 from hydro_twin.plants import Port
 from hydro_twin.plants.plant import FloatArray
+from hydro_twin.predictors.analytical import Analytical
+from hydro_twin.predictors.scores import first_scored, predict
+from hydro_twin.recording.series import Series
 from hydro_twin.report.chart import (
     AFTER,
     axis,
@@ -41,28 +42,33 @@ FINE = 161              # points of a curve
 
 @dataclass(frozen=True)
 class Run:
-    """A part with the free runs of the model before and after.
+    """A series with the free runs of the model before and after, as they are reported.
 
     Attributes:
         label: 'test 1', 'training 2', ...
+        first: index of the first sample that is scored.
     """
 
     label: str
-    part: Part
+    series: Series
+    measured: FloatArray
+    first: int
     before: FloatArray
     after: FloatArray
 
 
 def runs(trace: Trace) -> list[Run]:
-    """Run both models over all parts, those that were not fitted first."""
-    before, after = trace.before.candidate, trace.final.candidate
-    labelled = [(f'{name} {k + 1}', part) for name, parts in
-                (('test', trace.test), ('training', trace.train)) for k, part in enumerate(parts)]
-    found = []
-    for label, part in labelled:
-        first = before.run(part)
-        found.append(Run(label, part, first, first if after is before else after.run(part)))
-    return found
+    """Run both models over all series, those that were not fitted first."""
+    plant = trace.plant
+    labelled = [(f'{name} {k + 1}', series) for name, part in
+                (('test', 'test'), ('training', 'train'))
+                for k, series in enumerate(trace.recordings[part].series)]
+    before, after = (predict(Analytical(fit.candidate.model()), [s for _, s in labelled],
+                             'free_run') for fit in (trace.before, trace.final))
+    return [Run(label, series, series[plant.output.name],
+                first_scored(series, plant, 'free_run'), one, other)
+            for (label, series), one, other in zip(labelled, before, after, strict=True)
+            if len(series) > first_scored(series, plant, 'free_run')]
 
 
 def illustrations(trace: Trace, verdict: Verdict, ran: Sequence[Run]) -> list[Illustration]:
@@ -88,23 +94,24 @@ def _output(trace: Trace, ran: Sequence[Run]) -> Illustration:
     most = max(200, POINTS // len(ran))
     views = []
     for run in ran:
-        time = sample_time * np.arange(len(run.part.measured), dtype=np.float64)
+        time = sample_time * np.arange(len(run.measured), dtype=np.float64)
         models = [(name, y, colour) for (name, colour), y in
                   zip(_names(trace), (run.before, run.after), strict=False)]
-        measured = run.part.measured
+        measured, first = run.measured, run.first
         above = Chart('time [s]', axis(output.meaning, output.unit), (
             Curve('measured', *thin(time, measured, most), MEASURED, 'thick'),
             *(Curve(name, *thin(time, y, most), colour) for name, y, colour in models)))
         below = Chart('time [s]', axis('residual', output.unit), tuple(
-            Curve(name, *thin(time[START:], (measured - y)[START:], most), colour)
+            Curve(name, *thin(time[first:], (measured - y)[first:], most), colour)
             for name, y, colour in models), height=0.6)
-        source = Path(run.part.source).name
+        source = Path(run.series.source).name
         views.append(View(f'{run.label}, {source}' if source else run.label, (above, below)))
     caption = (
-        f'Above, the {output.meaning} as measured and in free run (no measured output after the '
-        f'first {START} samples, which set the state and are not scored). Below, the residual: '
-        f'measured less predicted. Nothing was fitted to the test parts.')
-    if any(len(run.part.measured) > most for run in ran):
+        f'Above, the {output.meaning} as measured and in free run, from rest at the first sample '
+        f'measured of each series. Below, the residual: measured less predicted, without the '
+        f'start-up of each series, {trace.plant.start_up:g} s, which is not scored. '
+        f'Nothing was fitted to the test parts.')
+    if any(len(run.measured) > most for run in ran):
         caption += ' Long parts are drawn by the least and the largest of every few samples.'
     return Illustration('output', 'Measured and predicted', caption, tuple(views))
 
@@ -159,8 +166,8 @@ def _spectra(trace: Trace, ran: Sequence[Run]) -> Illustration:
     rate = 1.0 / trace.before.candidate.sample_time
     curves = []
     for k, (name, colour) in enumerate(_names(trace)):
-        left = [run.part.measured - (run.before, run.after)[k] for run in ran]
-        frequency, density = spectrum([r[START:] for r in left], rate)
+        left = [(run.measured - (run.before, run.after)[k])[run.first:] for run in ran]
+        frequency, density = spectrum(left, rate)
         curves.append(Curve(name, frequency[1:], density[1:], colour))
     level = trace.floor / np.sqrt(rate / 2.0)
     curves.append(Curve('noise, estimated', frequency[[1, -1]], np.full(2, level), QUIET, 'dash'))

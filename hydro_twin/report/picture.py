@@ -8,7 +8,7 @@ from pathlib import Path
 from matplotlib.figure import Figure
 import numpy as np
 
-from hydro_twin.plants.plant import FloatArray, Signal
+from hydro_twin.plants.plant import FloatArray, Plant
 from hydro_twin.predictors.scores import pooled, rms
 from hydro_twin.recording.series import Recording
 
@@ -16,17 +16,18 @@ SHOWN = 1000                                              # samples, of the firs
 COLOURS = ('#d95f02', '#1b9e77', '#7570b3', '#e7298a')    # told apart by the colour-blind too
 
 
-def draw(recording: Recording, output: Signal, runs: Mapping[str, Sequence[FloatArray]]) -> Figure:
+def draw(recording: Recording, plant: Plant, runs: Mapping[str, Sequence[FloatArray]]) -> Figure:
     """Draw how a recording begins: above the output, below the errors.
 
     Args:
         recording: what was measured.
-        output: the signal that is predicted.
+        plant: what was recorded.
         runs: name of a model -> its free run over every series, in the output's unit.
 
     Returns:
-        The figure; its legend has the RMS errors over the whole recording.
+        The figure; its legend has the free-run errors over the whole recording.
     """
+    output = plant.output
     measured = recording.series[0][output.name][:SHOWN]
     time = recording.series[0].sample_time * np.arange(len(measured))
     figure = Figure(figsize=(9, 5), layout='constrained')
@@ -34,7 +35,7 @@ def draw(recording: Recording, output: Signal, runs: Mapping[str, Sequence[Float
     above.plot(time, measured, color='black', linewidth=2.5, label='measured')
     for k, (name, run) in enumerate(runs.items()):
         predicted, colour = run[0][:SHOWN], COLOURS[k % len(COLOURS)]
-        error, _ = pooled(recording, output.name, run, 0)
+        error, _ = pooled(recording, plant, run, 'free_run')
         above.plot(time, predicted, color=colour, linewidth=1.2, label=f'{name}, free run')
         below.plot(time, measured - predicted, color=colour, linewidth=1,
                    label=f'{name}: {rms(error):.3g} {output.unit} RMS')

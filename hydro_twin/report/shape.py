@@ -16,7 +16,6 @@ from scipy.linalg import block_diag
 from hydro_twin.effects import Placed
 from hydro_twin.fitting.candidate import Part
 from hydro_twin.fitting.free_run import Fit
-from hydro_twin.fitting.start import START
 from hydro_twin.plants.plant import FloatArray
 from hydro_twin.predictors.scores import rms
 from hydro_twin.report.chart import AFTER, axis, BEFORE, Chart, Curve, FOUND, Illustration, View
@@ -55,7 +54,7 @@ def free_curves(fit: Fit, placed: Placed, seen: Sequence[Passing], name: str) ->
     Returns:
         One curve, or one for a rising and one for a falling signal.
     """
-    carry = to_output(fit.candidate)
+    carry, start_up = to_output(fit.candidate), fit.candidate.start_up
     b = carry.b[:, fit.candidate.plant.ports.index(placed.port)]
     a = np.concatenate([[1.0], carry.a])
     filter_ = autoregression(stretches(fit))
@@ -63,7 +62,7 @@ def free_curves(fit: Fit, placed: Placed, seen: Sequence[Passing], name: str) ->
     knots = _knots(reach, placed.effect.implicit)
 
     def whitened(columns: FloatArray) -> FloatArray:
-        return signal.lfilter(filter_, [1.0], columns, axis=0)[START:]
+        return signal.lfilter(filter_, [1.0], columns, axis=0)[start_up:]
 
     columns, target, starts = [], [], []
     for p in seen:
@@ -145,8 +144,9 @@ def illustrate_effect(fit: Fit, placed: Placed, parts: Sequence[Part]) -> Illust
                             (View('', (_profile(fit, placed, parts),)),))
     seen = [passing(fit.candidate, placed, part) for part in parts]
     over = telling(seen)
-    x = np.concatenate([p.signals[over][START:] for p in seen])
-    added = np.concatenate([p.added[START:] for p in seen])
+    start_up = fit.candidate.start_up
+    x = np.concatenate([p.signals[over][start_up:] for p in seen])
+    added = np.concatenate([p.added[start_up:] for p in seen])
     every = -(-len(x) // DOTS)
     unit = placed.port.unit if over == 'value' else placed.port.signals[over]
     what = placed.port.meaning if over == 'value' else over.replace('_', ' ')

@@ -1,19 +1,16 @@
 """The result of a trace as one plain object: `report.json`."""
 from __future__ import annotations
 
+from copy import deepcopy
 from typing import Any
 
 import numpy as np
-from scipy import signal
 
 from hydro_twin.effects import Placed
-from hydro_twin.fitting.candidate import Candidate, Part
 from hydro_twin.fitting.free_run import Fit, get, label, Unknown
-from hydro_twin.fitting.start import START
 from hydro_twin.model import Estimate, FittedEffect, Model
-from hydro_twin.plants.difference_equation import characteristic
-from hydro_twin.plants.plant import FloatArray
-from hydro_twin.predictors.scores import rms
+from hydro_twin.predictors.analytical import Analytical
+from hydro_twin.predictors.scores import errors_by_series, persistence, rms
 from hydro_twin.residual.structure import drifts
 from hydro_twin.residual.trace import SIXTH, THIRD, Trace
 from hydro_twin.residual.verdict import (
@@ -34,10 +31,7 @@ TESTED = {
 
 
 def summarise(trace: Trace, verdict: Verdict) -> dict[str, Any]:
-    """Lay out a trace as the object of `report.json`; errors are RMS in the output's unit.
-
-    The one-step errors are those of the integrated laws, before and after alike.
-    """
+    """Lay out a trace as the object of `report.json`; errors are RMS in the output's unit."""
     after = trace.final
     estimates = effect_estimates(after)
     return {
@@ -48,15 +42,13 @@ def summarise(trace: Trace, verdict: Verdict) -> dict[str, Any]:
         'effects': [_effect(j, estimates[j.finding.index]) for j in verdict.judged],
         'found': _found(trace, estimates),
         'ambiguous': [list(group) for group in verdict.ambiguous],
-        'before': _errors(trace.before.candidate, trace),
-        'after': _errors(after.candidate, trace),
+        **trace.errors,
         'improvement': {'relative': trace.proof.relative, 'low': trace.proof.low,
                         'high': trace.proof.high},
         'cannot_show': [{'id': h.id, 'port': h.port, 'says': h.says} for h in trace.hidden],
-        'series': _series(trace, after),
+        'series': _series(trace),
         'parameters': {'before': parameters(trace.before), 'after': parameters(after)},
-        'persistence': {'test': rms(np.concatenate(
-            [np.diff(part.measured)[START - 1:] for part in trace.test]))},
+        'persistence': {'test': persistence(trace.recordings['test'], trace.plant)},
         'noise_floor': trace.floor,
         'remainder': {
             'white': trace.white,
@@ -75,8 +67,7 @@ def summarise(trace: Trace, verdict: Verdict) -> dict[str, Any]:
 def sentence(trace: Trace, verdict: Verdict) -> str:
     """Say the verdict to a person, in one sentence."""
     unit = '' if trace.plant.output.unit == '1' else f' {trace.plant.output.unit}'
-    test = [rms(np.concatenate([c.residual(p) for p in trace.test]))
-            for c in (trace.before.candidate, trace.final.candidate)]
+    test = [trace.errors[when]['free_run']['test'] for when in ('before', 'after')]
     falls = (f'the free-run error on data it was not fitted to falls from {_short(test[0])} to '
              f'{_short(test[1])}{unit}')
     if verdict.kind == 'nothing_missing':
@@ -95,13 +86,14 @@ def sentence(trace: Trace, verdict: Verdict) -> str:
 
 def when(trace: Trace) -> list[dict[str, Any]]:
     """Say when much of what is left comes, if seldom, in seconds from the begin of its bag."""
-    parts, sample_time = [*trace.train, *trace.test], trace.after.candidate.sample_time
+    parts, candidate = [*trace.train, *trace.test], trace.after.candidate
+    sample_time = candidate.sample_time
     begin = {bag: min(part.start for part in parts if part.source == bag)
              for bag in {part.source for part in parts}}
     spells = []
     for burst in trace.bursts:
         part = parts[burst.stretch]
-        at = 1e-9 * (part.start - begin[part.source]) + START * sample_time
+        at = 1e-9 * (part.start - begin[part.source]) + candidate.start_up * sample_time
         spells.append({'bag': part.source, 'from_s': at + burst.begin * sample_time,
                        'to_s': at + burst.end * sample_time})
     return sorted(spells, key=lambda spell: (spell['bag'], spell['from_s']))
@@ -210,7 +202,7 @@ def effect_estimates(fit: Fit) -> list[dict[str, Any]]:
         p.name: {'value': value, 'unit': placed.effect.unit(p, placed.port),
                  'std_error': errors.get(f'{index}:{p.name}')}
         for p, value in zip(placed.effect.parameters, placed.values, strict=True)
-        if value != p.refinement}
+        if value not in (p.refinement, p.unreached)}
         for index, placed in enumerate(fit.candidate.effects)]
 
 
@@ -224,41 +216,23 @@ def parameters(fit: Fit) -> dict[str, Any]:
             for name, unit in units.items()}
 
 
-def one_step_error(candidate: Candidate, part: Part) -> FloatArray:
-    """Error of the one-step prediction by the integrated laws, scored samples only.
-
-    The free run, corrected by what the exact characteristic polynomial carries on of the
-    differences measured up to the sample before.
-    """
-    a = characteristic(candidate.system.laws, candidate.sample_time)
-    difference = part.measured - candidate.run(part)
-    error: FloatArray = signal.lfilter(np.concatenate([[1.0], a]), [1.0], difference)[START:]
-    return error
-
-
-def _error(candidate: Candidate, parts: Any) -> dict[str, float]:
-    return {'one_step': rms(np.concatenate([one_step_error(candidate, p) for p in parts])),
-            'free_run': rms(np.concatenate([candidate.residual(p) for p in parts]))}
-
-
-def _errors(candidate: Candidate, trace: Trace) -> dict[str, dict[str, float]]:
-    train, test = _error(candidate, trace.train), _error(candidate, trace.test)
-    return {kind: {'train': train[kind], 'test': test[kind]} for kind in train}
-
-
-def _series(trace: Trace, after: Fit) -> list[dict[str, Any]]:
+def _series(trace: Trace) -> list[dict[str, Any]]:
     """Errors of each series; train and test stand side by side where both come from it."""
-    rows = []
-    for index, part in enumerate(trace.train):
-        row: dict[str, Any] = {'bag': part.source}
-        for name, candidate in (('before', trace.before.candidate), ('after', after.candidate)):
-            errors = _error(candidate, [part])
-            row[name] = {kind: {'train': value} for kind, value in errors.items()}
-            if len(trace.test) == len(trace.train):
-                for kind, value in _error(candidate, [trace.test[index]]).items():
-                    row[name][kind]['test'] = value
-        rows.append(row)
-    return rows
+    train, test = (trace.recordings[name].series for name in ('train', 'test'))
+    rows: list[dict[str, Any]] = [{'bag': series.source} for series in train]
+    for name, fit in (('before', trace.before), ('after', trace.final)):
+        predictor = Analytical(fit.candidate.model())
+        for row in rows:
+            row[name] = {'one_step': {}, 'free_run': {}}
+        for mode in ('one_step', 'free_run'):
+            for part, some in (('train', train), ('test', test)):
+                if len(some) == len(train):
+                    for row, error in zip(rows, errors_by_series(predictor, some, mode),
+                                          strict=True):
+                        row[name][mode][part] = rms(error)
+    return [row for row in rows if all(
+        np.isfinite(error) for when in ('before', 'after')
+        for errors in row[when].values() for error in errors.values())]
 
 
 def _short(value: float) -> str:
@@ -269,6 +243,7 @@ def model_of(trace: Trace, fit: Fit, provenance: dict[str, Any]) -> Model:
     """Make the model file of one of a trace's fits, before or after."""
     candidate = fit.candidate
     errors = _std_errors(fit)
+    scored = trace.errors['after' if fit is trace.final else 'before']
     together = {name for c in candidate.plant.combinations for name in c}
     known = {p.name: None if p.name in together else errors.get(p.name)
              for p in candidate.plant.parameters}
@@ -282,6 +257,5 @@ def model_of(trace: Trace, fit: Fit, provenance: dict[str, Any]) -> Model:
                                             for p in placed.effect.parameters})
                       for index, placed in enumerate(candidate.effects)),
         timing=dict(candidate.timing or {}), substeps=candidate.substeps,
-        errors={'before': _errors(trace.before.candidate, trace),
-                'after': _errors(candidate, trace)},
+        errors=deepcopy({'before': trace.errors['before'], 'after': scored}),    # no YAML aliases
         provenance=provenance)

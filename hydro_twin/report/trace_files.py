@@ -72,8 +72,8 @@ def write_series(trace: Trace, ran: Sequence[Run], path: Path) -> None:
         writer.writerow(['part', 'bag', 'time', *(signal.name for signal in plant.signals),
                          'before', 'after'])
         for run in ran:
-            time = sample_time * np.arange(len(run.part.measured))
-            columns = np.column_stack([time, run.part.inputs, run.part.measured, run.before,
-                                       run.after])
-            writer.writerows([run.label, run.part.source,
+            time = sample_time * np.arange(len(run.measured))
+            signals = [run.series[signal.name] for signal in plant.signals]
+            columns = np.column_stack([time, *signals, run.before, run.after])
+            writer.writerows([run.label, run.series.source,
                               *(f'{value:.9g}' for value in row.tolist())] for row in columns)

@@ -15,7 +15,6 @@ import numpy as np
 
 from hydro_twin.fitting.candidate import Candidate, Part
 from hydro_twin.fitting.free_run import Fit
-from hydro_twin.fitting.start import START
 from hydro_twin.plants import Plant
 from hydro_twin.predictors.scores import rms
 
@@ -26,7 +25,8 @@ COARSEST = 8            # factor that leaves enough of a stretch to be scored
 HARMLESS = 0.01         # change of the output by thinning, as a share of the residual
 
 
-def excerpt(parts: Sequence[Part], factor: int = 1) -> list[Part]:
+def excerpt(parts: Sequence[Part], plant: Plant, sample_time: float, factor: int = 1
+            ) -> list[Part]:
     """Cut stretches out of parts that hold more samples than it takes.
 
     They are spread evenly, each at a place by chance in its share of the part: a motion that
@@ -34,11 +34,14 @@ def excerpt(parts: Sequence[Part], factor: int = 1) -> list[Part]:
 
     Args:
         parts: what was recorded.
+        plant: what it was recorded of.
+        sample_time: of the parts [s].
         factor: by which the stretches are going to be thinned, so that there may be more of them.
     """
-    if sum(len(part.measured) - START for part in parts) <= ENOUGH:
+    start_up = plant.start_samples(sample_time)
+    if sum(len(part.measured) - start_up for part in parts) <= ENOUGH:
         return list(parts)
-    enough, scored = factor * ENOUGH, STRETCH - factor * START
+    enough, scored = factor * ENOUGH, STRETCH - factor * plant.start_samples(factor * sample_time)
     total = sum(len(part.measured) for part in parts)
     rng = np.random.default_rng(0)
     cut = []

@@ -16,7 +16,6 @@ from hydro_twin.effects import Effect, EFFECTS, Placed, sites, Span
 from hydro_twin.fitting.candidate import Candidate, Part
 from hydro_twin.fitting.free_run import Fit
 from hydro_twin.fitting.parallel import in_processes
-from hydro_twin.fitting.start import START
 from hydro_twin.plants import Plant, Port
 from hydro_twin.plants.plant import FloatArray
 
@@ -48,7 +47,7 @@ def spans(candidate: Candidate, parts: Sequence[Part]) -> dict[Port, Span]:
     for part in parts:
         seen = np.zeros((len(part.inputs), rows))
         candidate.run(part, seen)
-        seen = np.nan_to_num(seen[START:])
+        seen = np.nan_to_num(seen[candidate.start_up:])
         low, high = np.minimum(low, seen.min(axis=0)), np.maximum(high, seen.max(axis=0))
     largest = np.maximum(np.maximum(abs(low), abs(high)), 1e-12)
     found, at = {}, len(plant.ports)

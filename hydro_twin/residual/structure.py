@@ -16,7 +16,6 @@ from scipy import signal, stats
 from hydro_twin.effects.curve import KNOTS
 from hydro_twin.fitting.candidate import Candidate, Part
 from hydro_twin.fitting.free_run import Fit, label
-from hydro_twin.fitting.start import START
 from hydro_twin.plants import Port
 from hydro_twin.plants.difference_equation import DifferenceEquation, from_state_space
 from hydro_twin.plants.plant import FloatArray
@@ -96,8 +95,9 @@ def free_curves(fit: Fit, parts: Sequence[Part]) -> list[Dependence]:
             continue
         knots = np.linspace(low, high, KNOTS)
         filter_ = carry.b[:, port]
-        columns = np.concatenate([_carried(hats(seen[:, row], knots), filter_, carry.a)
-                                  for seen in observed])
+        columns = np.concatenate([
+            _carried(hats(seen[:, row], knots), filter_, carry.a)[candidate.start_up:]
+            for seen in observed])
         weights, share, p_value = explained(columns, fit.residual, basis)
         found.append(Dependence(candidate.plant.ports[port], name, share,
                                 min(1.0, p_value * len(groups)), knots, weights))
@@ -197,10 +197,10 @@ def _observe(candidate: Candidate, parts: Sequence[Part]) -> list[FloatArray]:
 
 
 def _carried(columns: FloatArray, b: FloatArray, a: FloatArray) -> FloatArray:
-    """Carry what is added at a port to the output, scored samples only."""
-    carried = signal.lfilter(b, np.concatenate([[1.0], a]), columns - columns[:1], axis=0)
-    scored: FloatArray = carried[START:]
-    return scored
+    """Carry what is added at a port to the output."""
+    carried: FloatArray = signal.lfilter(b, np.concatenate([[1.0], a]), columns - columns[:1],
+                                         axis=0)
+    return carried
 
 
 def foretold(fit: Fit, parts: Sequence[Part]) -> tuple[float, float]:
@@ -228,7 +228,7 @@ def foretold(fit: Fit, parts: Sequence[Part]) -> tuple[float, float]:
         for lag in LAGS:
             share = 1.0 - np.exp(-sample_time / lag)
             lagged.append(signal.lfilter([share], [1.0, share - 1.0], shapes, axis=0))
-        pieces.append(np.column_stack(lagged)[START - 1:-1])
+        pieces.append(np.column_stack(lagged)[fit.candidate.start_up - 1:-1])
     held = fit.at_bound()
     free = [label(unknown) not in held for unknown in fit.unknowns]
     basis, _ = np.linalg.qr(fit.jacobian[:, free])

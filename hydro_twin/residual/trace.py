@@ -3,15 +3,17 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 
-from hydro_twin.fitting.candidate import Candidate, Part, parts_of
+from hydro_twin.fitting.candidate import Candidate, least_samples, Part, parts_of
 from hydro_twin.fitting.free_run import Fit, fit_linear
-from hydro_twin.fitting.start import START
 from hydro_twin.model import Model
 from hydro_twin.plants import Plant
-from hydro_twin.predictors.scores import rms
+from hydro_twin.predictors import kernel
+from hydro_twin.predictors.analytical import Analytical
+from hydro_twin.predictors.scores import Errors, errors_by_series, errors_of, rms
 from hydro_twin.recording.series import Recording, split
 from hydro_twin.residual.chain import (
     Chain,
@@ -35,6 +37,7 @@ from hydro_twin.residual.curve import (
     is_mostly_constant,
 )
 from hydro_twin.residual.excerpt import excerpt, harmless_factor, resampled, thin
+from hydro_twin.residual.limits import without_unreached
 from hydro_twin.residual.noise import Burst, bursts, is_white, Line, lines, noise_floor
 from hydro_twin.residual.proof import Improvement, improvement, proof, residuals
 from hydro_twin.residual.screen import Hidden, hidden
@@ -54,9 +57,12 @@ class Trace:
     Attributes:
         before, after: the fit at the start and at the end, on the training parts.
         train, test: the parts, in the order of the series.
+        recordings: what these parts are of, by 'train' and 'test'; what is reported is scored on
+            them.
         fitted: what of the training parts was fitted: all, or stretches of a long recording.
         hidden: effects that the recording could not have shown.
-        proof: the improvement on the test parts, by what was named and by the curve.
+        proof: the improvement of the free run as reported, on the test part, by what was named
+            and by the curve.
         unseen: RMS of the residual of `after` on the like of the test parts, but for their starts.
         floor: estimated RMS of the noise.
         bursts: when much of what is left comes, if seldom; in `train`, then in `test`.
@@ -73,6 +79,7 @@ class Trace:
     after: Fit
     train: Sequence[Part]
     test: Sequence[Part]
+    recordings: Mapping[str, Recording]
     fitted: Sequence[Part]
     hidden: tuple[Hidden, ...]
     findings: tuple[Finding, ...]
@@ -92,6 +99,12 @@ class Trace:
     def final(self) -> Fit:
         """The model with all that was found, named or not."""
         return self.after if self.found is None else self.found.fit
+
+    @cached_property
+    def errors(self) -> dict[str, Errors]:
+        """The errors that are reported, 'before' and 'after'."""
+        return {name: errors_of(Analytical(fit.candidate.model()), self.recordings)
+                for name, fit in (('before', self.before), ('after', self.final))}
 
     @property
     def additions(self) -> int:
@@ -132,7 +145,8 @@ def trace(recording: Recording, test: Recording | None, plant: Plant,
         return _trace(recording, test, plant, constants, model, seed, progress)
     found = _trace(*split(recording), plant, constants, model, seed, progress)
     found = replace(found, tested=THIRD)
-    too_short = max(map(len, recording.series)) < SIXTH * 2 * START
+    too_short = all(len(series) < SIXTH * least_samples(plant, series.sample_time)
+                    for series in recording.series)
     if too_short or not found.is_stranger:
         return found
     again = _trace(*split(recording, SIXTH, 1), plant, constants, model, seed, progress,
@@ -146,7 +160,7 @@ def _trace(train: Recording, test: Recording, plant: Plant,
     """Do so once; `known` is a model that was found of the like."""
     whole, unseen = parts_of(train, plant), parts_of(test, plant)
     sample_time = train.series[0].sample_time
-    fine = excerpt(whole)
+    fine = excerpt(whole, plant, sample_time)
     progress('linear model')
     if model is None:
         before = fit_linear(plant, fine, plant.constant_values(constants), sample_time,
@@ -155,7 +169,7 @@ def _trace(train: Recording, test: Recording, plant: Plant,
         before = search(resampled(candidate_of(model), sample_time), fine, 1)
     recorded = sum(len(part.measured) for part in whole)
     factor = harmless_factor(before, fine, recorded)
-    fine, elsewhere = excerpt(whole, factor), excerpt(unseen, factor)
+    fine, elsewhere = (excerpt(parts, plant, sample_time, factor) for parts in (whole, unseen))
     parts, others = thin(fine, plant, factor), thin(elsewhere, plant, factor)
     if factor > 1 and recorded <= AT_LAST:
         fine, elsewhere = whole, unseen
@@ -189,13 +203,16 @@ def _trace(train: Recording, test: Recording, plant: Plant,
         before = base
     elif factor > 1:
         before = search(before.candidate, fine, 1)
-    gain = _gain(before, after if found is None else found.fit, unseen, seed)
-    if gain.high < 0.0:     # what was added fails where the report would say that it helps
+    after = without_unreached(after, fine)
+    found = found and replace(found, fit=without_unreached(found.fit, fine))
+    gain = _gain(before, after if found is None else found.fit, test, seed)
+    if gain.relative < 0.0:     # the report would show that what was added makes it worse
         chain, after, found = Chain(base), base, None
-        gain = _gain(before, base, unseen, seed)
+        gain = _gain(before, base, test, seed)
     pieces = stretches(after)
     return Trace(
-        plant=plant, before=before, after=after, train=whole, test=unseen, fitted=fine,
+        plant=plant, before=before, after=after, train=whole, test=unseen,
+        recordings={'train': train, 'test': test}, fitted=fine,
         hidden=tuple(hidden(after, fine)), findings=chain.findings,
         proof=gain, unseen=rms(np.concatenate(residuals(after, elsewhere))),
         floor=noise_floor(pieces), white=is_white(pieces),
@@ -205,10 +222,13 @@ def _trace(train: Recording, test: Recording, plant: Plant,
         foretold=foretold(after, fine), found=found)
 
 
-def _gain(before: Fit, after: Fit, unseen: Sequence[Part], seed: int) -> Improvement:
-    """Compare free runs on data that was not fitted, from what the first samples show."""
-    return improvement([before.candidate.residual(part) for part in unseen],
-                       [after.candidate.residual(part) for part in unseen], seed)
+def _gain(before: Fit, after: Fit, test: Recording, seed: int) -> Improvement:
+    """Compare the free runs that are reported, on data that was not fitted."""
+    first, then = (
+        [np.nan_to_num(error, nan=kernel.LIMIT) for error in errors_by_series(
+            Analytical(fit.candidate.model()), test.series, 'free_run')]
+        for fit in (before, after))
+    return improvement(first, then, seed)
 
 
 def _with_curve(chain: Chain, base: Fit, ground: Ground) -> tuple[Chain, Found | None]:

@@ -80,13 +80,13 @@ class Spec:
 
     Attributes:
         amplitude: largest value; None: by the response, see `make`.
-        offset: constant added.
+        offset: constant added; None: see `make`.
     """
 
     kind: str
     settings: Mapping[str, float]
     amplitude: float | None = None
-    offset: float = 0.0
+    offset: float | None = None
 
 
 def parse(text: str) -> Spec:
@@ -102,7 +102,7 @@ def parse(text: str) -> Spec:
     settings = settings_of(text, rest)
     if not np.isfinite(list(settings.values())).all():
         raise UserError(f'excitation {text!r}: every value must be finite')
-    amplitude, offset = settings.pop('amplitude', None), settings.pop('offset', 0.0)
+    amplitude, offset = settings.pop('amplitude', None), settings.pop('offset', None)
     for name, value in settings.items():
         if name not in known:
             raise UserError(f'excitation {text!r}: {kind} has no {name}; it has '
@@ -151,8 +151,8 @@ def settings_of(text: str, rest: str) -> dict[str, float]:
                         ) from None
 
 
-def make(spec: Spec, run: Run, laws: Laws, column: int, largest: float, sample_time: float
-         ) -> Excitation:
+def make(spec: Spec, run: Run, laws: Laws, column: int, largest: float, sample_time: float,
+         middle: float = 0.0) -> Excitation:
     """Make an excitation.
 
     Args:
@@ -163,11 +163,18 @@ def make(spec: Spec, run: Run, laws: Laws, column: int, largest: float, sample_t
         column: of this input.
         largest: see `laws`, in the output's unit.
         sample_time: of the series [s].
+        middle: output about which that is, in its unit; where the user gives neither amplitude
+            nor offset, the input has the offset that holds it.
     """
     shape = KINDS[spec.kind](run, **spec.settings)
-    amplitude = spec.amplitude
+    amplitude, offset = spec.amplitude, spec.offset or 0.0
     if amplitude is None:
         t = sample_time * np.arange(round(run.duration / sample_time), dtype=np.float64)
         _, y, _ = lsim((laws.A, laws.B[:, [column]], laws.C, laws.D[:, [column]]), shape(t), t)
-        amplitude = float(f'{largest / np.abs(y).max():.3g}')
-    return lambda t: spec.offset + amplitude * shape(t)
+        amplitude = largest / np.abs(y).max()
+        if middle:          # the range of the output is that of the input, at rest
+            gain = laws.D[0, column] - laws.C[0] @ np.linalg.solve(laws.A, laws.B[:, column])
+            amplitude = min(amplitude, largest / abs(gain))
+            offset = float(middle / gain) if spec.offset is None else offset
+        amplitude = float(f'{amplitude:.3g}')
+    return lambda t: offset + amplitude * shape(t)

@@ -3,7 +3,10 @@ import json
 import numpy as np
 import pytest
 
+from hydro_twin.commands.common import read, rig_of
 from hydro_twin.commands.main import main
+from hydro_twin.fitting.search import SearchResult
+from hydro_twin.fitting.study import analytical_run, make_part
 from hydro_twin.model import read_model
 from hydro_twin.plants import PLANTS
 from hydro_twin.recording.digest import source_of
@@ -69,14 +72,62 @@ def test_the_model_file_knows_where_it_came_from(bag, tmp_path, capsys):
     assert {'command', 'version'} <= set(model.provenance)
 
 
-def test_replay_of_what_was_fitted_agrees(bag, tmp_path, capsys):
+def test_replay_model_file_and_study_agree_with_refit(bag, tmp_path, capsys):
     out = tmp_path / 'model.yaml'
     _, result, _ = refit(capsys, bag, out, '--test', str(bag))
     assert result['train'] == result['test']
     main(['replay', str(bag), '--model', str(out), '--json'])
     replayed = json.loads(capsys.readouterr().out)
-    assert replayed['one_step']['rmse'] == pytest.approx(result['test']['one_step'], rel=0.01)
-    assert replayed['free_run']['rmse'] == pytest.approx(result['test']['free_run'], rel=0.5)
+    model, rig = read_model(out), rig_of(PLANTS['load_simulator'])
+    part = {'train': make_part('training', read([bag], rig), rig.plant)}
+    values = np.array([model.parameters[p.name].value for p in rig.plant.parameters])
+    run = analytical_run(SearchResult(values, 0.0, np.zeros(1)), part, rig.plant, rig.constants)
+    for mode in ('one_step', 'free_run'):
+        assert replayed[mode]['rmse'] == pytest.approx(result['test'][mode], rel=1e-12)
+        assert model.promised(mode) == pytest.approx(result['test'][mode], rel=1e-12)
+        assert run.errors['train', mode] == pytest.approx(result['test'][mode], rel=1e-9)
+    assert replayed['persistence']['rmse'] == pytest.approx(result['persistence']['test'])
+
+
+def test_train_and_test_make_up_the_whole_bag(bag, tmp_path, capsys):
+    """Of 750 samples of a series 250 test, the first 50 of which are not scored."""
+    out = tmp_path / 'model.yaml'
+    _, result, _ = refit(capsys, bag, out)
+    main(['replay', str(bag), '--model', str(out), '--json'])
+    replayed = json.loads(capsys.readouterr().out)
+    pooled = np.sqrt((200 * result['test']['free_run'] ** 2
+                      + 500 * result['train']['free_run'] ** 2) / 700)
+    assert replayed['free_run']['rmse'] == pytest.approx(pooled, rel=1e-9)
+
+
+def test_a_parameter_beyond_the_search_box_is_said_to_be_at_its_bound(tmp_path, capsys):
+    bag, out = tmp_path / 'bag', tmp_path / 'model.yaml'
+    main(['simulate', '--plant', 'valve_servo', '-o', str(bag), '--duration', '1.5', '--set',
+          'T_y=0.05', '--snr', '50'])
+    capsys.readouterr()
+    main(['refit', str(bag), '--plant', 'valve_servo', '-o', str(out)])
+    assert 'T_y ended at the upper bound' in ' '.join(capsys.readouterr().out.split())
+    _, result, _ = refit(capsys, bag, out, plant='valve_servo')
+    assert result['parameters']['T_y']['at_bound'] == 'upper'
+    assert 'T_y' in result['at_bound']
+    model = read_model(out)
+    assert model.parameters['T_y'].at_bound == 'upper'
+    assert any(note.startswith('T_y ended') for note in model.notes)
+
+
+def test_a_one_step_fit_of_noisy_outputs_has_no_standard_errors(tmp_path, capsys):
+    bag, out = tmp_path / 'bag', tmp_path / 'model.yaml'
+    main(['simulate', '--plant', 'valve_servo', '-o', str(bag), '--duration', '1.5',
+          '--set', 'tau=0.00293', '--snr', '50'])
+    capsys.readouterr()
+    _, result, _ = refit(capsys, bag, out, '--criterion', 'one_step', plant='valve_servo')
+    assert abs(result['parameters']['tau']['value'] - 0.00293) > 0.3 * 0.00293      # biased
+    assert all(p['std_error'] is None for p in result['parameters'].values())
+    assert any('biases' in note for note in result['notes'])
+    assert result['notes'] == list(read_model(out).notes)
+    _, result, _ = refit(capsys, bag, out, plant='valve_servo')
+    tau = result['parameters']['tau']
+    assert abs(tau['value'] - 0.00293) < 4 * tau['std_error']
 
 
 @pytest.mark.parametrize('method', ['random', 'pso'])

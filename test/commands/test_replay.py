@@ -68,8 +68,8 @@ def test_errors_are_those_of_a_reader_and_an_equation_of_ones_own(bag, model, ca
     error, kept = [], []
     for k in range(3):
         part = slice(400 * k, 400 * (k + 1))
-        error.append(y[part][4:] - eq_1(y[part], u[part], theta[part]))
-        kept.append(y[part][4:])
+        error.append((y[part][4:] - eq_1(y[part], u[part], theta[part]))[1:])    # as [B19]: from
+        kept.append(y[part][5:])                                                # order + 1 on
     error, kept = np.concatenate(error), np.concatenate(kept)
     assert result['samples'] == 1200
     assert result['series'] == 3
@@ -77,7 +77,7 @@ def test_errors_are_those_of_a_reader_and_an_equation_of_ones_own(bag, model, ca
     assert result['one_step']['rmse'] == pytest.approx(np.sqrt(np.mean(error ** 2)), rel=1e-9)
     fit = 100 * (1 - np.linalg.norm(error) / np.linalg.norm(kept - kept.mean()))
     assert result['one_step']['fit_percent'] == pytest.approx(fit, rel=1e-9)
-    steps = np.concatenate([np.diff(y[400 * k:400 * (k + 1)]) for k in range(3)])
+    steps = np.concatenate([np.diff(y[400 * k + 4:400 * (k + 1)]) for k in range(3)])
     assert result['persistence']['rmse'] == pytest.approx(np.sqrt(np.mean(steps ** 2)), rel=1e-12)
     assert 0 < result['free_run']['rmse'] < 5
     assert 90 < result['free_run']['fit_percent'] < 100

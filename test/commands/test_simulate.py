@@ -136,3 +136,12 @@ def test_for_a_person(tmp_path, capsys):
                  '0.2', '--effect', 'asymmetry@piston:imbalance=0.2']) == 0
     out = capsys.readouterr().out
     assert 'asymmetry at piston: imbalance 0.2' in out
+
+
+def test_a_valve_stays_between_shut_and_open_by_default(tmp_path, capsys):
+    for name in ('valve_servo', 'control_valve'):
+        simulate(capsys, tmp_path / name, '--duration', '60' if name == 'control_valve' else '3',
+                 plant=name)
+        for one in columns(tmp_path / name, name):
+            for signal in ('command', 'opening'):
+                assert 0.0 <= one[signal].min() < one[signal].max() <= 1.0

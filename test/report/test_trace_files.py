@@ -2,17 +2,22 @@
 from __future__ import annotations
 
 import csv
+from dataclasses import replace
 import json
 
 import numpy as np
 import pytest
 from test_trace_page import PROVENANCE
 from trace_by_hand import trace
+import yaml
 
 from hydro_twin.errors import UserError
 from hydro_twin.model import read_model
+from hydro_twin.predictors import load
+from hydro_twin.predictors.scores import errors_of
 from hydro_twin.report import trace_files
 from hydro_twin.report.trace_files import write_files
+from hydro_twin.residual.limits import without_unreached
 
 
 @pytest.fixture(scope='module')
@@ -42,6 +47,37 @@ def test_the_models_are_those_before_and_after(tmp_path, found):
     assert before.values['F_v'] == pytest.approx(found.before.candidate.values['F_v'])
 
 
+def test_a_limit_that_was_never_reached_is_not_written_as_found(tmp_path):
+    """The valve is held at 0.6 and never comes near the lower limit of -10 it was fitted with."""
+    made = trace('valve_servo')
+    after = without_unreached(made.after, made.train)
+    for part in made.train:
+        np.testing.assert_array_equal(after.candidate.run(part), made.after.candidate.run(part))
+    summary = write_files(replace(made, after=after), tmp_path, PROVENANCE)
+    assert list(summary['effects'][0]['parameters']) == ['upper']
+    raw = yaml.safe_load((tmp_path / 'model.yaml').read_text())
+    limits = raw['effects'][0]['parameters']
+    assert limits['lower']['std_error'] == 'not reached'
+    assert limits['lower']['value'] == -1e9
+    assert limits['upper']['std_error'] > 0.0
+    again, = read_model(tmp_path / 'model.yaml').placed
+    assert again.values == after.candidate.effects[0].values
+
+
+def test_the_errors_are_those_of_the_models_that_are_written(tmp_path, found):
+    summary = write_files(found, tmp_path, PROVENANCE)
+    for when, name in (('before', 'before.yaml'), ('after', 'model.yaml')):
+        expected = errors_of(load(tmp_path / name), found.recordings)
+        for mode, errors in expected.items():
+            assert summary[when][mode] == pytest.approx(errors, rel=1e-12)
+            assert read_model(tmp_path / name).promised(mode) == pytest.approx(errors['test'])
+
+
+def from_rest(candidate, part):
+    return candidate.system.run(part.inputs,
+                                candidate.system.start(part.inputs[0], part.measured[0]))
+
+
 def test_the_series_hold_every_sample(tmp_path, found):
     write_files(found, tmp_path, PROVENANCE)
     with (tmp_path / 'series.csv').open() as stream:
@@ -53,8 +89,8 @@ def test_the_series_hold_every_sample(tmp_path, found):
     assert {row['bag'] for row in rows} == {'bags/one'}
     for name, values in (('time', 0.001 * np.arange(len(part.measured))), ('x', part.measured),
                          ('force', part.inputs[:, 0]),
-                         ('before', found.before.candidate.run(part)),
-                         ('after', found.after.candidate.run(part))):
+                         ('before', from_rest(found.before.candidate, part)),
+                         ('after', from_rest(found.after.candidate, part))):
         np.testing.assert_allclose([float(row[name]) for row in first], values, rtol=1e-8,
                                    atol=1e-15)
 

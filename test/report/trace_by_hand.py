@@ -9,6 +9,7 @@ from hydro_twin.effects.curve import curve, KNOTS
 from hydro_twin.fitting.candidate import Candidate, Part
 from hydro_twin.model import place
 from hydro_twin.plants import plant_named
+from hydro_twin.recording.series import Recording, Series
 from hydro_twin.residual.chain import Finding
 from hydro_twin.residual.curve import Found
 from hydro_twin.residual.noise import Burst, is_white, Line, noise_floor
@@ -54,6 +55,15 @@ def parts(truth, seconds, noise, seed, source='a bag'):
     return made
 
 
+def recording(truth, made):
+    """Name the columns of parts."""
+    names = [signal.name for signal in truth.plant.inputs]
+    return Recording(tuple(
+        Series({**dict(zip(names, part.inputs.T, strict=True)),
+                truth.plant.output.name: part.measured}, truth.sample_time, 0, part.source)
+        for part in made))
+
+
 def unexplained(base, train, port):
     """Add a curve without a name to a fit."""
     reach = max(np.abs(part.inputs[:, 0]).max() for part in train)
@@ -73,7 +83,9 @@ def trace(name, found=True, curve=False, seconds=0.6, source='a bag'):
     other = Contender(search(candidate(name, [rival]), train, 3))
     port = truth.plant.ports[0]
     return Trace(
-        plant=truth.plant, before=before, after=after, train=train, test=test, fitted=train,
+        plant=truth.plant, before=before, after=after, train=train, test=test,
+        recordings={'train': recording(truth, train), 'test': recording(truth, test)},
+        fitted=train,
         hidden=(Hidden('ripple', 'motor', 'turn it <slowly> & far'),),
         findings=tuple(Finding(k, 1.25e-30, 0.875, ((other, 43.25 + k),))
                        for k in range(len(effects))) if found else (),

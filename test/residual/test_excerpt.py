@@ -4,7 +4,6 @@ import pytest
 
 from hydro_twin.fitting.candidate import Candidate, Part, parts_of
 from hydro_twin.fitting.free_run import fit_linear
-from hydro_twin.fitting.start import START
 from hydro_twin.model import place
 from hydro_twin.plants import plant_named
 from hydro_twin.recording.series import Recording, Series
@@ -18,6 +17,10 @@ from hydro_twin.residual.excerpt import (
     thin,
 )
 
+PLANT = plant_named('load_simulator')
+DT = PLANT.sample_time
+START = PLANT.start_samples(DT)
+
 
 def part(n, source):
     return Part(np.arange(n, dtype=float)[:, None], np.arange(n, dtype=float), source)
@@ -25,14 +28,14 @@ def part(n, source):
 
 def test_what_is_short_is_kept_whole():
     parts = [part(1000, 'a'), part(3000, 'b')]
-    assert excerpt(parts) == parts
+    assert excerpt(parts, PLANT, DT) == parts
 
 
 @pytest.mark.parametrize('lengths', [(1_800_000,), (100_000, 100_000), (7_000, 3_000, 500),
                                      (600,) * 400])
 def test_enough_is_kept_from_begin_to_end(lengths):
     parts = [part(n, str(k)) for k, n in enumerate(lengths)]
-    cut = excerpt(parts)
+    cut = excerpt(parts, PLANT, DT)
     scored = sum(len(p.measured) - START for p in cut)
     assert 0.4 * ENOUGH <= scored <= 3 * ENOUGH
     for one in cut:
@@ -48,8 +51,8 @@ def test_enough_is_kept_from_begin_to_end(lengths):
 
 @pytest.mark.parametrize('factor', [2, 8])
 def test_what_will_be_thinned_may_be_more_and_does_not_overlap(factor):
-    cut = excerpt([part(30_000, '0')], factor)
-    scored = sum(len(p.measured) // factor - START for p in cut)
+    cut = excerpt([part(30_000, '0')], PLANT, DT, factor)
+    scored = sum(len(p.measured) // factor - PLANT.start_samples(factor * DT) for p in cut)
     assert 1.5 * ENOUGH / factor < scored <= 1.1 * ENOUGH
     assert all(len(p.measured) == STRETCH for p in cut)
     starts = np.array([p.measured[0] for p in cut])
@@ -78,7 +81,7 @@ def recorded(name, values, frequency, seconds, *effects):
     output = rig.system.run(inputs, rig.system.start(inputs[0], 0.0))
     columns = {s.name: u for s, u in zip(plant.inputs, inputs.T, strict=True)}
     series = Series({**columns, plant.output.name: output}, plant.sample_time, 0)
-    parts = excerpt(parts_of(Recording([series]), plant))
+    parts = excerpt(parts_of(Recording([series]), plant), plant, plant.sample_time)
     return rig, parts, fit_linear(plant, parts, plant.constant_values(), plant.sample_time,
                                   'physical', timing=True), len(time)
 

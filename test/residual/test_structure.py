@@ -9,7 +9,6 @@ from traced_rig import fitted, PLANT, record, VALUES
 
 from hydro_twin.fitting.candidate import Candidate, Part, parts_of
 from hydro_twin.fitting.free_run import fit_linear
-from hydro_twin.fitting.start import START
 from hydro_twin.plants import PLANTS
 from hydro_twin.predictors.system import assemble
 from hydro_twin.residual.screen import hidden, screen, spans
@@ -142,10 +141,10 @@ def test_a_share_is_the_signals():
 def test_spans_are_what_a_run_reaches(linear):
     fit, train, _ = linear[0]
     reach = spans(fit.candidate, train)
-    largest = max(np.abs(part.inputs[START:, 0]).max() for part in train)
+    largest = max(np.abs(part.inputs[fit.candidate.start_up:, 0]).max() for part in train)
     by_name = {(port.name, port.kind): span for port, span in reach.items()}
     assert by_name['command', 'command'].value == pytest.approx(largest)
-    torque = max(np.abs(fit.candidate.run(part)[START:]).max() for part in train)
+    torque = max(np.abs(fit.candidate.run(part)[fit.candidate.start_up:]).max() for part in train)
     assert by_name['sensor', 'sensor'].value == pytest.approx(torque)
     twist = by_name['coupling', 'coupling'].signals['twist']
     assert twist * fit.candidate.values['G'] == pytest.approx(torque, rel=0.02)
@@ -166,7 +165,7 @@ def test_screening_puts_the_right_effect_first(name):
     fit, train, _ = lacking(name)
     prospects = screen(fit, train)
     assert prospects[0].placed.effect.id == name
-    assert len(fit.residual) == sum(len(part.measured) - START for part in train)
+    assert len(fit.residual) == sum(len(part.measured) - fit.candidate.start_up for part in train)
     assert all(0.0 <= p.share <= 1.0 + 1e-9 for p in prospects)
 
 
