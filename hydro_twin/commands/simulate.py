@@ -91,7 +91,7 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
         head, _, rest = text.partition(':')
         identifier, _, port = head.partition('@')
         effects.append(place(identifier, port, settings_of(text, rest), plant))
-    table = _excitations(args.excitation, plant)
+    table = _excitations(args.excitation, plant, sample_time)
     bursts = _bursts(args.burst, plant)
 
     values = {**rig.constants, **parameters}
@@ -145,7 +145,7 @@ def _reach(plant: Plant) -> tuple[float, float]:
     return 0.5 * (low + high), WITHIN * (high - low)
 
 
-def _excitations(texts: list[str], plant: Plant) -> list[list[Spec]]:
+def _excitations(texts: list[str], plant: Plant, sample_time: float) -> list[list[Spec]]:
     """Say for every series what drives each input."""
     from hydro_twin.simulation.excitation import parse
 
@@ -155,7 +155,7 @@ def _excitations(texts: list[str], plant: Plant) -> list[list[Spec]]:
         _known(name, plant)
         given[name].append(parse(rest))
     first, *others = given
-    slower = min(1.0, 1.0 / (PERIOD * max(B19) * plant.sample_time))
+    slower = min(1.0, 1.0 / (PERIOD * max(B19) * sample_time))
     given[first] = given[first] or [parse(f'sine:frequency={slower * f:.3g}') for f in B19]
     for name in others:
         given[name] = given[name] or [parse('random')]
