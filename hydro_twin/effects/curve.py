@@ -74,6 +74,11 @@ def values(placed: Placed, signal: FloatArray) -> FloatArray:
 
 def over(port: Port, signal: str) -> Effect:
     """Give the effect that reads this signal at this port."""
+    return of_kind(port.kind, signal)
+
+
+def of_kind(kind: str, signal: str) -> Effect:
+    """Give the effect that reads this signal at ports of this kind."""
     low, high, *added = CURVE.parameters
-    return replace(CURVE, kinds=(port.kind,), reads=(signal,), parameters=(
+    return replace(CURVE, kinds=(kind,), reads=(signal,), parameters=(
         replace(low, unit=signal), replace(high, unit=signal), *added))
