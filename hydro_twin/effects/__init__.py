@@ -35,7 +35,7 @@ def _reduced(effect: Effect) -> tuple[Any, ...] | str:
         if effect is known:
             return _of_module, (name,)
     if effect.law is CURVE.law:
-        return of_kind, (*effect.kinds, *effect.reads)
+        return of_kind, (*effect.kinds, *effect.reads, effect.parameters[-1].upper)
     return effect.__reduce_ex__(pickle.HIGHEST_PROTOCOL)
 
 

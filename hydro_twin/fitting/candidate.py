@@ -158,8 +158,10 @@ def _less_start(missed: FloatArray, response: FloatArray) -> FloatArray:
     if not np.isfinite(missed).all():
         return later
     weight = (rms(later) / max(rms(first), 1e-6 * rms(later), 1e-150)) ** 2
-    normal = (response[START:].T @ response[START:] + 1e-4 * np.eye(response.shape[1])
+    normal = (response[START:].T @ response[START:]
               + max(weight, 1.0) * response[:START].T @ response[:START])
+    # Relative, too: where the first samples weigh most, they may not tell every state.
+    normal += (1e-4 + 1e-12 * np.trace(normal)) * np.eye(len(normal))
     rest: FloatArray = later - response[START:] @ np.linalg.solve(
         normal, response[START:].T @ later)
     return rest

@@ -30,14 +30,16 @@ def excerpt(parts: Sequence[Part], factor: int = 1) -> list[Part]:
     """Cut stretches out of parts that hold more samples than it takes.
 
     They are spread evenly, each at a place by chance in its share of the part: a motion that
-    repeats must not begin at the same point in all of them.
+    repeats must not begin at the same point in all of them. Parts that are too short to be scored
+    once they are thinned are left out.
 
     Args:
         parts: what was recorded.
         factor: by which the stretches are going to be thinned, so that there may be more of them.
     """
+    parts = [part for part in parts if len(part.measured) >= 2 * START * factor]
     if sum(len(part.measured) - START for part in parts) <= ENOUGH:
-        return list(parts)
+        return parts
     enough, scored = factor * ENOUGH, STRETCH - factor * START
     total = sum(len(part.measured) for part in parts)
     rng = np.random.default_rng(0)
