@@ -66,7 +66,8 @@ def curve(port: Port, signal: str, low: float, high: float, added: FloatArray,
         added: at the knots, shape (KNOTS,).
         limit: largest magnitude of these that a fit may come to.
     """
-    return Placed(of_kind(port.kind, signal, limit), port, (float(low), float(high), *map(float, added)))
+    return Placed(of_kind(port.kind, signal, limit), port,
+                  (float(low), float(high), *map(float, added)))
 
 
 def values(placed: Placed, signal: FloatArray) -> FloatArray:

@@ -160,12 +160,10 @@ def _trace(train: Recording, test: Recording, plant: Plant,
     progress('linear model')
     plain = None
     if model is None:
-        given_constants = plant.constant_values(constants)
-        plain = fit_linear(plant, whole if recorded <= AT_LAST else fine, given_constants,
-                           sample_time, 'box', timing=False, seed=seed).candidate
-        before = min(fit_linear(plant, fine, given_constants, sample_time, 'physical',
-                                timing=True, seed=seed),
-                     search(plain, fine, 40), key=lambda fit: fit.cost)
+        plain = fit_linear(plant, whole if recorded <= AT_LAST else fine,
+                           plant.constant_values(constants), sample_time, 'box', timing=False,
+                           seed=seed).candidate
+        before = _linear(plain, fine, seed)
     else:
         before = search(resampled(candidate_of(model), sample_time), fine, 1)
     factor = harmless_factor(before, fine, recorded)
@@ -230,6 +228,21 @@ def _trace(train: Recording, test: Recording, plant: Plant,
         depends_on=tuple(dependences(after, fine)), drifts=drift(after),
         foretold=foretold(after, fine), found=found)
     return traced if traced.fails else replace(traced, hidden=tuple(hidden(after, fine)))
+
+
+def _linear(plain: Candidate, parts: Sequence[Part], seed: int) -> Fit:
+    """Fit the linear plant within its physical range; no worse than the fit within the box.
+
+    What a better fit of the linear plant gains must not be credited to an effect.
+
+    Args:
+        plain: that fit, as `refit` makes it.
+        parts: what is fitted.
+        seed: of the random starts.
+    """
+    free = fit_linear(plain.plant, parts, plain.values, plain.sample_time, 'physical',
+                      timing=True, seed=seed)
+    return min(free, search(plain, parts, 40), key=lambda fit: fit.cost)
 
 
 def _gain(before: Fit, after: Fit, unseen: Sequence[Part], seed: int) -> Improvement:

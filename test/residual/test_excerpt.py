@@ -103,3 +103,9 @@ def test_a_thinned_run_is_the_run_thinned():
     expected = rig.system.run(whole.inputs, start)[::COARSEST][:len(run)]
     assert np.abs(run - expected).max() < 0.01 * np.ptp(expected)
     assert resampled(coarse, rig.sample_time).sample_time == rig.sample_time
+
+
+def test_parts_that_would_be_too_short_once_they_are_thinned_are_left_out():
+    cut = excerpt([part(30_000, 'long'), part(8 * 2 * START - 1, 'short')], 8)
+    assert {one.source for one in cut} == {'long'}
+    assert excerpt([part(8 * 2 * START - 1, 'short')], 8) == []
