@@ -158,7 +158,7 @@ def _crash_report(argv: Sequence[str], error: Exception) -> str:
             lines.append(f'{name} {version(name)}')
     with tempfile.NamedTemporaryFile('w', prefix='hydro_twin_', suffix='.txt', delete=False,
                                      encoding='utf-8') as file:
-        file.write('\n'.join([*lines, '', *traceback.format_exception(error)]))
+        file.write('\n'.join([*lines, '', ''.join(traceback.format_exception(error))]))
     return file.name
 
 

@@ -113,7 +113,7 @@ def test_knots_lie_where_the_recording_went():
     linear.system.run(inputs, np.zeros(2), seen=seen)
     most = np.abs(seen[:, plant.ports.index(rate)]).max()
     driven = replace(linear, effects=(
-        curve(rate, 'value', -most, most, np.linspace(-0.9, 0.9, KNOTS) * most),))
+        curve(rate, 'value', -most, most, np.linspace(1.0, -1.0, KNOTS) * most),))
     assert np.abs(passing(driven, driven.effects[0], part).signals['value']).max() > 3 * most
     low, high = reached(driven, [part])
     assert -1.01 * most < low < high < 1.01 * most
