@@ -185,6 +185,7 @@ class _Worker:
         finally:
             self.process.kill()
             self.pool.lost(self)
+            self.connection.close()
 
     def work_on(self, job: _Job) -> None:
         """Do what is left of a job; it takes nothing before it is ready to begin at once."""

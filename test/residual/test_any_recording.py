@@ -110,8 +110,8 @@ def looked_at(fit, parts):
     assert proof(fit, fit, parts, 0).relative == 0.0
 
 
-@settings(max_examples=6, derandomize=True, suppress_health_check=list(HealthCheck))
-@given(cuts(largest=200))
+@settings(max_examples=4, derandomize=True, suppress_health_check=list(HealthCheck))
+@given(cuts(largest=160))
 def test_what_is_asked_of_any_fit_is_answered(drawn):
     try:
         fit, parts = fitted(*recording_of(drawn))

@@ -162,6 +162,13 @@ def test_the_order_of_the_bags_does_not_matter(rubbing, reference):
 
 
 @pytest.mark.slow
+def test_the_number_of_processes_does_not_matter(rubbing, reference, monkeypatch):
+    """To the last digit."""
+    monkeypatch.setattr('hydro_twin.fitting.parallel._cores', lambda: 1)
+    assert report_of(rubbing) == reference
+
+
+@pytest.mark.slow
 def test_the_seed_does_not_matter(rubbing, reference):
     assert_same_finding(report_of(rubbing, seed=7), reference, rel=0.01)
 
