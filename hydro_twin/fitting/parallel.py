@@ -25,7 +25,7 @@ from typing import Any
 
 from hydro_twin.errors import WorkerError
 
-WORTH = 1.0             # s of work that is left, from which a worker earns its start
+WORTH = 2.0             # s of work that is left, from which workers start: what one costs to
 
 
 def in_threads[T, R](function: Callable[[T], R], arguments: Sequence[T]) -> list[R]:

@@ -68,7 +68,8 @@ def find_curve(fit: Fit, parts: Sequence[Part], unseen: Sequence[Part],
     Returns:
         None where no curve makes the free run better on data that was not fitted.
     """
-    if not any(curve.shows for curve in curves) and foretold(fit, parts)[1] > TOLD:
+    if not curves or (not any(curve.shows for curve in curves)
+                      and foretold(fit, parts)[1] > TOLD):
         return None
     places = distinct(curves)[:MOST]
     carried = spans(fit.candidate, parts)

@@ -136,3 +136,8 @@ def test_what_is_found_stays_within_what_its_port_carries(uneven):
     found = find_curve(fit, train, test, curves, 0)
     carried = spans(fit.candidate, train)[found.placed.port].value
     assert np.abs(found.placed.values[2:]).max() <= LARGEST * carried
+
+
+def test_where_nothing_moves_there_is_no_curve():
+    fit, train, test = fitted(record(count=1, duration=1.2))
+    assert find_curve(fit, train, test, [], 0) is None
