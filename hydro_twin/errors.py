@@ -15,3 +15,7 @@ class ModelError(UserError):
 
 class DataError(UserError):
     """The samples do not allow what is asked: too few, constant, not finite."""
+
+
+class WorkerError(UserError):
+    """A process that shares the work ended by itself, as one that is killed for want of memory."""

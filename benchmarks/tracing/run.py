@@ -9,6 +9,7 @@ import argparse
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import as_completed, ProcessPoolExecutor
 import json
+from multiprocessing import get_context
 from pathlib import Path
 import time
 import traceback
@@ -62,7 +63,7 @@ def complete(output: Path, seeds: Sequence[int], trace_one: TraceOne, workers: i
 
 def traced(seeds: Sequence[int], trace_one: TraceOne, workers: int) -> Iterator[dict[str, Any]]:
     """Trace the rigs in that many processes, in whatever order they finish."""
-    with ProcessPoolExecutor(workers) as pool, \
+    with ProcessPoolExecutor(workers, get_context('spawn')) as pool, \
             Progress(console=Console(stderr=True)) as progress:
         task = progress.add_task('tracing', total=len(seeds))
         try:

@@ -11,6 +11,7 @@ A verb is one module of `hydro_twin.commands`, with three functions:
     show(result, console)    prints the same object for a person, on a `rich.console.Console`.
 
 What goes wrong is raised: a `UserError` becomes one line on standard error and exit status 2.
+Any other exception is a defect: one line too, which names a file for a report, and status 1.
 `node` is not such a verb: `hydro_twin.spin.main(arguments)` gets its arguments untouched.
 """
 from __future__ import annotations
@@ -60,7 +61,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
         arguments: what follows the program's name; by default that of this process.
 
     Returns:
-        The exit status: 0, 2 after an error of the user's, 130 when interrupted.
+        The exit status: 0, 2 after an error of the user's, 130 when interrupted, 1 after any
+        other error, which is a defect of ours.
     """
     # The matrices here are small: threads of BLAS would cost more than they give.
     os.environ.setdefault('OPENBLAS_NUM_THREADS', '1')
@@ -78,6 +80,9 @@ def main(arguments: Sequence[str] | None = None) -> int:
         return _fail(verb, what, 2)
     except KeyboardInterrupt:
         return _fail(verb, 'interrupted', 130)
+    except Exception as error:
+        return _fail(verb, f'a defect of this software ({type(error).__name__}: {error}); please '
+                     f'report it, and attach {_crash_report(argv, error)}', 1)
 
 
 def _run(verb: str, argv: list[str]) -> int:
@@ -137,6 +142,25 @@ def plain(value: object) -> object:
         case _ if hasattr(value, 'tolist'):   # numpy, without importing it
             return plain(value.tolist())
     return str(value)
+
+
+def _crash_report(argv: Sequence[str], error: Exception) -> str:
+    """Write down what it takes to look into a defect; returns the path."""
+    from importlib.metadata import PackageNotFoundError, version
+    import platform
+    import shlex
+    import tempfile
+    import traceback
+
+    lines = [f'{PROG} {shlex.join(argv)}', f'python {platform.python_version()}',
+             platform.platform()]
+    for name in ('hydro_twin', 'numpy', 'scipy', 'numba', 'rosbags', 'torch'):
+        with contextlib.suppress(PackageNotFoundError):
+            lines.append(f'{name} {version(name)}')
+    with tempfile.NamedTemporaryFile('w', prefix='hydro_twin_', suffix='.txt', delete=False,
+                                     encoding='utf-8') as file:
+        file.write('\n'.join([*lines, '', ''.join(traceback.format_exception(error))]))
+    return file.name
 
 
 def _fail(verb: str, message: str, status: int) -> int:

@@ -1,10 +1,14 @@
 """The effects a plant may lack: one file each, found in this folder or by an entry point."""
 from __future__ import annotations
 
+import copyreg
 import importlib
+import pickle
 import pkgutil
 from types import ModuleType
+from typing import Any
 
+from hydro_twin.effects.curve import CURVE, of_kind
 from hydro_twin.effects.effect import Effect, EffectParameter, Placed, sites, Span
 from hydro_twin.errors import ModelError
 from hydro_twin.plugins import plugins
@@ -33,3 +37,22 @@ def _found() -> tuple[tuple[str, Effect], ...]:
 
 
 MODULES, EFFECTS = zip(*_found(), strict=True)
+
+
+def _of_module(name: str) -> Effect:
+    """Return the effect that a module declares."""
+    effect: Effect = EFFECTS[MODULES.index(name)]
+    return effect
+
+
+def _reduced(effect: Effect) -> tuple[Any, ...] | str:
+    """Pickle an effect, whose law is compiled, by the name of its module."""
+    for name, known in zip(MODULES, EFFECTS, strict=True):
+        if effect is known:
+            return _of_module, (name,)
+    if effect.law is CURVE.law:
+        return of_kind, (*effect.kinds, *effect.reads, effect.parameters[-1].upper)
+    return effect.__reduce_ex__(pickle.HIGHEST_PROTOCOL)
+
+
+copyreg.pickle(Effect, _reduced)

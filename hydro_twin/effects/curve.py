@@ -13,6 +13,7 @@ from hydro_twin.effects.effect import Effect, EffectParameter, Placed
 from hydro_twin.plants.plant import FloatArray, Port
 
 KNOTS = 9
+ANY = 1e15              # beyond any value of any port or signal
 
 
 @compiled
@@ -41,10 +42,10 @@ CURVE = Effect(
     title='free curve',
     kinds=(),
     parameters=(
-        EffectParameter('low', 'first knot', 'signal', -1e15, 1e15, log=False, fixed=True),
-        EffectParameter('high', 'last knot', 'signal', -1e15, 1e15, log=False, fixed=True),
+        EffectParameter('low', 'first knot', 'signal', -ANY, ANY, log=False, fixed=True),
+        EffectParameter('high', 'last knot', 'signal', -ANY, ANY, log=False, fixed=True),
         *(EffectParameter(f'added_{k + 1}', f'what is added at knot {k + 1}', 'value',
-                          -1e15, 1e15, log=False) for k in range(KNOTS)),
+                          -ANY, ANY, log=False) for k in range(KNOTS)),
     ),
     starts=lambda _: (),
     excitation='',
@@ -53,7 +54,8 @@ CURVE = Effect(
 )
 
 
-def curve(port: Port, signal: str, low: float, high: float, added: FloatArray) -> Placed:
+def curve(port: Port, signal: str, low: float, high: float, added: FloatArray,
+          limit: float = ANY) -> Placed:
     """Put a curve on a port.
 
     Args:
@@ -62,8 +64,10 @@ def curve(port: Port, signal: str, low: float, high: float, added: FloatArray) -
         low: first knot.
         high: last knot, above the first.
         added: at the knots, shape (KNOTS,).
+        limit: largest magnitude of these that a fit may come to.
     """
-    return Placed(over(port, signal), port, (float(low), float(high), *map(float, added)))
+    return Placed(of_kind(port.kind, signal, limit), port,
+                  (float(low), float(high), *map(float, added)))
 
 
 def values(placed: Placed, signal: FloatArray) -> FloatArray:
@@ -74,6 +78,12 @@ def values(placed: Placed, signal: FloatArray) -> FloatArray:
 
 def over(port: Port, signal: str) -> Effect:
     """Give the effect that reads this signal at this port."""
+    return of_kind(port.kind, signal)
+
+
+def of_kind(kind: str, signal: str, limit: float = ANY) -> Effect:
+    """Give the effect that reads this signal at ports of this kind, its values within a limit."""
     low, high, *added = CURVE.parameters
-    return replace(CURVE, kinds=(port.kind,), reads=(signal,), parameters=(
-        replace(low, unit=signal), replace(high, unit=signal), *added))
+    return replace(CURVE, kinds=(kind,), reads=(signal,), parameters=(
+        replace(low, unit=signal), replace(high, unit=signal),
+        *(replace(parameter, lower=-limit, upper=limit) for parameter in added)))

@@ -110,6 +110,9 @@ class Effect:
     shifts: str = ''
     named: bool = True
 
+    def __post_init__(self) -> None:
+        assert len(self.reads) <= 2, f'{self.id}: the kernel hands a law two signals at most'
+
     def fits(self, port: Port) -> bool:
         """Whether the effect may sit on this port."""
         return (port.kind in self.kinds and all(name in port.signals for name in self.reads)
@@ -127,11 +130,26 @@ class Effect:
 
 @dataclass(frozen=True)
 class Placed:
-    """An effect on a port of a plant, with values for its parameters in their order."""
+    """An effect on a port of a plant, with values for its parameters in their order.
+
+    Compiled laws read them without a check, so that it is made here.
+
+    Raises:
+        ValueError: too few values or too many, or a port that lacks a signal that the law reads.
+    """
 
     effect: Effect
     port: Port
     values: tuple[float, ...]
+
+    def __post_init__(self) -> None:
+        if len(self.values) != len(self.effect.parameters):
+            raise ValueError(f'{self.effect.id} takes {len(self.effect.parameters)} values, '
+                             f'not {len(self.values)}')
+        for name in self.effect.reads:
+            if name != 'value' and name not in self.port.signals:
+                raise ValueError(f'{self.effect.id} reads the {name}, of which the '
+                                 f'{self.port.name} has none')
 
     @property
     def named(self) -> dict[str, float]:

@@ -184,8 +184,10 @@ def _less_start(missed: FloatArray, response: FloatArray, start_up: int) -> Floa
     if not np.isfinite(missed).all():
         return later
     weight = (rms(later) / max(rms(first), 1e-6 * rms(later), 1e-150)) ** 2
-    normal = (response[start_up:].T @ response[start_up:] + 1e-4 * np.eye(response.shape[1])
+    normal = (response[start_up:].T @ response[start_up:]
               + max(weight, 1.0) * response[:start_up].T @ response[:start_up])
+    # Relative, too: where the first samples weigh most, they may not tell every state.
+    normal += (1e-4 + 1e-12 * np.trace(normal)) * np.eye(len(normal))
     rest: FloatArray = later - response[start_up:] @ np.linalg.solve(
         normal, response[start_up:].T @ later)
     return rest

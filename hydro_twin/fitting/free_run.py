@@ -3,6 +3,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 import math
 
 import numpy as np
@@ -317,7 +318,8 @@ class Problem:
 def solve_all(problems: Sequence[Problem], evaluations: int = 40, tolerance: float = 1e-6
               ) -> Iterator[Fit]:
     """Search each of several problems, on all cores, and yield the fits in their order."""
-    searches = in_processes(lambda problem: problem.search(evaluations, tolerance), problems)
+    searches = in_processes(
+        partial(Problem.search, evaluations=evaluations, tolerance=tolerance), problems)
     for problem, found in zip(problems, searches, strict=True):
         yield problem.fit(found)
 

@@ -3,15 +3,14 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
+from functools import partial
 from importlib.util import find_spec
 from itertools import groupby, pairwise
-from multiprocessing import get_context
-import os
-import signal
 
 import numpy as np
 
 from hydro_twin.errors import UserError
+from hydro_twin.fitting.parallel import in_processes
 from hydro_twin.fitting.regression import regression, regressors
 from hydro_twin.plants import Plant
 from hydro_twin.predictors.network import FloatArray, IntArray, Network
@@ -175,13 +174,7 @@ def train_many(problem: Problem, jobs: Sequence[Job], device: str = 'cpu') -> It
         for _, group in groupby(jobs, key=lambda job: job.settings):
             yield from train_batch(problem, list(group), device)
         return
-    processes = min(len(os.sched_getaffinity(0)), len(jobs))
-    if processes == 1:
-        for job in jobs:
-            yield train_batch(problem, [job])[0]
-        return
-    with get_context('spawn').Pool(processes, _start_worker, (problem,)) as pool:
-        yield from pool.imap(_train_one, jobs)      # leaving early ends the workers
+    yield from in_processes(partial(_train_one, problem), jobs)
 
 
 def check_device(name: str) -> None:
@@ -201,17 +194,6 @@ def check_device(name: str) -> None:
         raise UserError(f'device {name!r}: torch cannot use it here; try cpu')
 
 
-_problem: Problem | None = None     # of a worker process
-
-
-def _start_worker(problem: Problem) -> None:
-    """Make ready a worker, which leaves an interrupt to its parent."""
-    global _problem
-    signal.signal(signal.SIGINT, signal.SIG_IGN)
-    _problem = problem
-
-
-def _train_one(job: Job) -> Trained:
-    """Train one network in a worker."""
-    assert _problem is not None
-    return train_batch(_problem, [job])[0]
+def _train_one(problem: Problem, job: Job) -> Trained:
+    """Train one network by itself."""
+    return train_batch(problem, [job])[0]

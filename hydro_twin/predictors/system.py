@@ -154,7 +154,7 @@ def assemble(plant: Plant, values: Mapping[str, float], effects: Sequence[Placed
     p: list[float] = []
     memory = 0
     for placed in at_port:
-        signals = [_signal_row(plant, placed, name) for name in placed.effect.reads]
+        signals = [signal_row(plant, placed, name) for name in placed.effect.reads]
         signals = [*signals, -1, -1][:2]
         kept = placed.effect.memory
         table.append([code(placed.effect), plant.ports.index(placed.port), *signals,
@@ -175,7 +175,7 @@ def assemble(plant: Plant, values: Mapping[str, float], effects: Sequence[Placed
         shift=late, held=held, substeps=steps, sample_time=T, memory=memory + len(table))
 
 
-def _signal_row(plant: Plant, placed: Placed, name: str) -> int:
+def signal_row(plant: Plant, placed: Placed, name: str) -> int:
     """Find the row of H for a signal at the port of an effect, or for the port's own value."""
     if name == 'value':
         return plant.ports.index(placed.port)

@@ -45,7 +45,8 @@ def summarise(trace: Trace, verdict: Verdict) -> dict[str, Any]:
         **trace.errors,
         'improvement': {'relative': trace.proof.relative, 'low': trace.proof.low,
                         'high': trace.proof.high},
-        'cannot_show': [{'id': h.id, 'port': h.port, 'says': h.says} for h in trace.hidden],
+        'cannot_show': [] if trace.fails else [
+            {'id': h.id, 'port': h.port, 'says': h.says} for h in trace.hidden],
         'series': _series(trace),
         'parameters': {'before': parameters(trace.before), 'after': parameters(after)},
         'persistence': {'test': persistence(trace.recordings['test'], trace.plant)},
@@ -134,12 +135,15 @@ def remainder_sentence(trace: Trace) -> str:
     if drifts(trace.drifts):
         parts.append('a parameter drifts over the recording')
     if trace.is_stranger:
-        parts.append(f'on data that was not fitted the error is '
-                     f'{trace.unseen / trace.after.error:.1f} times as large: something happens '
-                     f'there that does not in the data that was')
+        times = trace.unseen / max(trace.after.error, 1e-300)
+        parts.append(f'on data that was not fitted the error is {times:.1f} times as large: '
+                     'something happens there that does not in the data that was')
     if not parts and is_loud(trace):
         parts.append(f'it is {trace.after.error / trace.floor:.0f} times as large as the noise, '
                      f'but depends on nothing that can be seen at the ports')
+    if trace.fails:
+        parts.insert(0, f'the model does not fit, by {trace.after.error / trace.floor:.0f} times '
+                        f'the noise, so that nothing can be said of other effects')
     if not parts and is_structured(trace, LIKELY):
         parts.append(f'{trace.foretold[0]:.0%} of what is left follows what happens at the ports, '
                      f'by no single curve')

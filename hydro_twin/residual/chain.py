@@ -19,7 +19,6 @@ from hydro_twin.residual.select import (
     Contender,
     criterion,
     gain_p_value,
-    likelihood_gain,
     refine,
     search,
     search_all,
@@ -39,7 +38,6 @@ ENOUGH = 0.5            # least share above the noise that each takes off, where
 TOLD = 0.05             # p-value from which what is left follows what happens at the ports
 SURELY = 1e-4           # and from which it surely does
 NEAR = 100.0            # distance of the criterion within which a rival is near
-FORETOLD = 20.0         # twice the gain in log-likelihood of data not fitted that is no chance
 NOISY = 2.0             # error over the noise's, from which more than noise is left
 STRANGER = 1.2          # error on data not fitted, over that on data fitted, that is not chance
 TRIED = 40              # starts tried in a round, for the correction
@@ -103,6 +101,10 @@ class Ground:
         key = _effects_of(fit.candidate)
         if key not in self.fits or fit.cost < self.fits[key].cost:
             self.fits[key] = fit
+
+    def best(self, fit: Fit) -> Fit:
+        """Return the best fit known with the effects of this one."""
+        return min(fit, self.fits.get(_effects_of(fit.candidate), fit), key=lambda f: f.cost)
 
     def without(self, chain: Chain, findings: Sequence[Finding]) -> list[Fit]:
         """Take each effect out by itself, and fit the rest again.
@@ -207,14 +209,13 @@ def likely(before: Fit, after: Fit, worth: float) -> bool:
 
 def share(before: Fit, after: Fit) -> float:
     """Share of the mean square error that a later fit takes off."""
-    return 1.0 - (after.error / before.error) ** 2
+    return 1.0 - (after.error / max(before.error, 1e-300)) ** 2
 
 
 def _proven(chain: Chain, alone: Fit, ground: Ground) -> Chain:
     """Drop the effects that do not help on data that was not fitted, the least helpful first.
 
-    An effect helps if the interval of the improvement is above zero; or, where it acts too seldom
-    for an interval, if the data are far more likely with it, though nothing was fitted to them.
+    An effect helps if the whole interval of the improvement is above zero.
 
     Args:
         chain: a model that has grown.
@@ -231,7 +232,7 @@ def _proven(chain: Chain, alone: Fit, ground: Ground) -> Chain:
     for k, fit in enumerate(bare):
         before = residuals(fit, ground.unseen)
         helps = improvement(before, after, ground.seed).low
-        if not (helps > 0.0 or likelihood_gain(before, after) > FORETOLD):
+        if not helps > 0.0:
             fails[k] = helps
     if not fails:
         return chain

@@ -11,8 +11,10 @@ from hydro_twin.effects.curve import curve, KNOTS, values
 from hydro_twin.fitting.candidate import Candidate, Part
 from hydro_twin.fitting.free_run import Fit
 from hydro_twin.plants import Port
+from hydro_twin.predictors.system import signal_row
 from hydro_twin.residual.passing import passing
 from hydro_twin.residual.proof import Improvement, proof
+from hydro_twin.residual.screen import spans
 from hydro_twin.residual.select import CLEARLY, criterion, far, gain_p_value, search_all
 from hydro_twin.residual.structure import Dependence, foretold
 
@@ -23,6 +25,7 @@ TOLD = 0.01             # p-value from which what is left follows what happens a
 LEVEL = 1e-3            # of the test of the best, corrected for all dependences tried
 STRENGTHS = (1.0, 0.3, 0.1)     # of the curve that the linear laws suggest, to begin at
 DRAWN = 0.8             # share of what a curve explains, from which a law of the same is enough
+LARGEST = 3.0           # values of a curve, over the largest that passes its port without it
 CONSTANT = 0.9          # share of what a curve adds that is its mean, from which it is a bias
 
 
@@ -64,10 +67,13 @@ def find_curve(fit: Fit, parts: Sequence[Part], unseen: Sequence[Part],
     Returns:
         None where no curve makes the free run better on data that was not fitted.
     """
-    if not any(curve.shows for curve in curves) and foretold(fit, parts)[1] > TOLD:
+    if not curves or (not any(curve.shows for curve in curves)
+                      and foretold(fit, parts)[1] > TOLD):
         return None
     places = distinct(curves)[:MOST]
-    begun = [_begin(fit.candidate, place, parts) for place in places]
+    carried = spans(fit.candidate, parts)
+    begun = [_begin(fit.candidate, place, parts, LARGEST * carried[place.port].value)
+             for place in places]
     tried = sorted(search_all(begun, parts, SHORT, fit), key=lambda one: one.cost)
     fits = tried[:KEPT]
     for _ in range(2):      # each time with knots over what the signal reaches by now
@@ -164,22 +170,49 @@ def distinct(curves: Sequence[Dependence]) -> list[Dependence]:
     return sorted(kept, key=lambda d: -d.share)
 
 
-def _begin(candidate: Candidate, dependence: Dependence, parts: Sequence[Part]) -> Candidate:
-    """Add the curve of a dependence, as strong as helps at once."""
+def _begin(candidate: Candidate, dependence: Dependence, parts: Sequence[Part], limit: float
+           ) -> Candidate:
+    """Add the curve of a dependence, as strong as helps at once; `limit` bounds its values."""
     low, high = dependence.knots[[0, -1]]
     tried = [replace(candidate, effects=(*candidate.effects, curve(
         dependence.port, dependence.signal, float(low), float(high),
-        strength * dependence.curve))) for strength in STRENGTHS]
+        np.clip(strength * dependence.curve, -limit, limit), limit))) for strength in STRENGTHS]
     return min(tried, key=lambda c: far(c, parts))
 
 
 def _spread(candidate: Candidate, parts: Sequence[Part]) -> Candidate:
-    """Put the knots of the curve where its signal is in the runs of the candidate."""
+    """Put the knots of the curve over what its signal reached in the recording."""
     *others, placed = candidate.effects
-    signal = placed.effect.reads[0]
-    seen = np.concatenate([passing(candidate, placed, part).signals[signal] for part in parts])
-    low, high = map(float, np.nanquantile(seen, [0.001, 0.999]))
+    low, high = reached(candidate, parts)
     if not low < high:
         return candidate
-    again = curve(placed.port, signal, low, high, values(placed, np.linspace(low, high, KNOTS)))
+    limit = placed.effect.parameters[-1].upper
+    added = np.clip(values(placed, np.linspace(low, high, KNOTS)), -limit, limit)
+    again = curve(placed.port, placed.effect.reads[0], low, high, added, limit)
     return replace(candidate, effects=(*others, again))
+
+
+def reached(candidate: Candidate, parts: Sequence[Part]) -> tuple[float, float]:
+    """Say what the signal of the curve, the last effect, reached in the recording.
+
+    What both the run with the curve and that without it reach, which the recorded inputs alone
+    drive from rest: a curve may drive its own signal to where the rig never was, and so may the
+    state at the start that it leads to. The output itself is measured.
+    """
+    placed = candidate.effects[-1]
+    signal, system = placed.effect.reads[0], candidate.system
+    row = signal_row(candidate.plant, placed, signal)
+    if np.array_equal(system.H[row], system.H[len(candidate.plant.ports) - 1]):
+        runs = [[part.measured for part in parts]]
+    else:
+        bare = candidate.without(len(candidate.effects) - 1)
+        scored = slice(candidate.start_up, None)
+        runs = [[passing(candidate, placed, part).signals[signal][scored] for part in parts], []]
+        for part in parts:
+            seen = np.zeros((len(part.inputs), len(system.H)))
+            bare.system.run(part.inputs, bare.system.start(part.inputs[0], part.measured[0]),
+                            seen=seen)
+            runs[1].append(seen[:, row])
+    edges = [np.quantile(np.nan_to_num(np.concatenate(run)), [0.001, 0.999]) for run in runs]
+    low, high = np.transpose(edges)
+    return float(low.max()), float(high.min())

@@ -13,7 +13,7 @@ import math
 
 import numpy as np
 
-from hydro_twin.fitting.candidate import Candidate, Part
+from hydro_twin.fitting.candidate import Candidate, least_samples, Part
 from hydro_twin.fitting.free_run import Fit
 from hydro_twin.plants import Plant
 from hydro_twin.predictors.scores import rms
@@ -30,7 +30,8 @@ def excerpt(parts: Sequence[Part], plant: Plant, sample_time: float, factor: int
     """Cut stretches out of parts that hold more samples than it takes.
 
     They are spread evenly, each at a place by chance in its share of the part: a motion that
-    repeats must not begin at the same point in all of them.
+    repeats must not begin at the same point in all of them. Parts that are too short to be scored
+    once they are thinned are left out.
 
     Args:
         parts: what was recorded.
@@ -39,8 +40,10 @@ def excerpt(parts: Sequence[Part], plant: Plant, sample_time: float, factor: int
         factor: by which the stretches are going to be thinned, so that there may be more of them.
     """
     start_up = plant.start_samples(sample_time)
+    least = least_samples(plant, factor * sample_time) * factor
+    parts = [part for part in parts if len(part.measured) >= least]
     if sum(len(part.measured) - start_up for part in parts) <= ENOUGH:
-        return list(parts)
+        return parts
     enough, scored = factor * ENOUGH, STRETCH - factor * plant.start_samples(factor * sample_time)
     total = sum(len(part.measured) for part in parts)
     rng = np.random.default_rng(0)

@@ -8,12 +8,14 @@ import numpy as np
 from scipy import linalg, signal, stats
 
 from hydro_twin.plants.plant import FloatArray
+from hydro_twin.predictors.scores import rms
 
 LAGS = 25
 CONFIDENCE = 0.99
 SPELL = 50              # samples of which the power is taken together, to see when it is large
 BURST = 4.0             # power of such, over what three in four stay below, that is loud
 SELDOM, MUCH = 0.1, 0.4         # most time that bursts may take, least of the power they hold
+ROUNDING = 1e-9         # of a residual
 SPELLS = 20             # fewer do not tell what is seldom
 
 
@@ -21,7 +23,8 @@ def noise_floor(stretches: Sequence[FloatArray]) -> float:
     """Estimate the RMS of the noise from the upper third of the residual's spectrum.
 
     Above some 150 Hz none of the plants passes anything on; what is there is noise, taken as
-    white down to zero. Where the noise is coloured this is not its whole RMS.
+    white down to zero. Where the noise is coloured this is not its whole RMS. Less than a
+    billionth of the residual is rounding.
     """
     levels, weights = [], []
     for r in stretches:
@@ -30,7 +33,8 @@ def noise_floor(stretches: Sequence[FloatArray]) -> float:
         upper = density[frequency > 0.33]
         levels.append(float(np.median(upper)) / 0.5 / _median_bias(len(r), n))
         weights.append(len(r))
-    return float(np.sqrt(np.average(levels, weights=weights) * 0.25))
+    least = ROUNDING * rms(np.concatenate(stretches))
+    return max(float(np.sqrt(np.average(levels, weights=weights) * 0.25)), least)
 
 
 def _median_bias(samples: int, segment: int) -> float:

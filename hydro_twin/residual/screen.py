@@ -6,8 +6,9 @@ and correlate with the residual.
 """
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 import math
 
 import numpy as np
@@ -77,14 +78,14 @@ def screen(fit: Fit, parts: Sequence[Part]) -> list[Prospect]:
     """
     candidate = fit.candidate
     reach = spans(candidate, parts)
-    untuned = _beyond_tuning(fit)
-    residual = untuned(fit.residual)
+    basis = _tuning(fit)
+    residual = _untuned(fit.residual, basis)
     power = float(residual @ residual)
     starts = [placed for effect, port in places(candidate.plant, candidate.effects)
               for placed in _starts(effect, port, reach[port])]
     prospects: dict[tuple[str, str], list[Prospect]] = {}
-    responses = in_processes(lambda placed: untuned(_response(fit, placed, parts)), starts)
-    for placed, moved in zip(starts, responses, strict=True):
+    for placed, moved in zip(
+            starts, in_processes(partial(_response, fit, parts, basis), starts), strict=True):
         size = float(moved @ moved)
         along = float(moved @ residual)
         if not math.isfinite(size) or size <= 0.0:
@@ -105,17 +106,22 @@ def _starts(effect: Effect, port: Port, reach: Span) -> list[Placed]:
                    for p, v in zip(effect.parameters, values, strict=True))]
 
 
-def _beyond_tuning(fit: Fit) -> Callable[[FloatArray], FloatArray]:
-    """Return what takes off an output what re-tuning could do as well."""
-    basis, _ = np.linalg.qr(fit.jacobian)
-    return lambda output: output - basis @ (basis.T @ output)
+def _tuning(fit: Fit) -> FloatArray:
+    """Return an orthonormal basis of what re-tuning can do to the output, (N, b)."""
+    basis: FloatArray = np.linalg.qr(fit.jacobian)[0]
+    return basis
 
 
-def _response(fit: Fit, placed: Placed, parts: Sequence[Part]) -> FloatArray:
-    """Return how an effect would move the output, (N,)."""
+def _untuned(output: FloatArray, basis: FloatArray) -> FloatArray:
+    """Take off an output what re-tuning could do as well."""
+    rest: FloatArray = output - basis @ (basis.T @ output)
+    return rest
+
+
+def _response(fit: Fit, parts: Sequence[Part], basis: FloatArray, placed: Placed) -> FloatArray:
+    """Return how an effect would move the output, beyond what re-tuning could do, (N,)."""
     candidate = replace(fit.candidate, effects=(*fit.candidate.effects, placed))
-    moved: FloatArray = fit.residual - np.concatenate(candidate.fitted_residuals(parts))
-    return moved
+    return _untuned(fit.residual - np.concatenate(candidate.fitted_residuals(parts)), basis)
 
 
 def _promise(prospect: Prospect) -> float:
@@ -140,21 +146,14 @@ def hidden(fit: Fit, parts: Sequence[Part]) -> list[Hidden]:
     An effect shows if what it does beyond re-tuning would stand out of the residual as it is.
     """
     reach = spans(fit.candidate, parts)
-    untuned = _beyond_tuning(fit)
-    noise = untuned(fit.residual)
-    seen = VISIBLE * float(noise @ noise) / len(noise)
-
-    def shows(place: tuple[Effect, Port]) -> bool:
-        """Whether it shows at any start; the strongest come last."""
-        for placed in reversed(_starts(*place, reach[place[1]])):
-            moved = untuned(_response(fit, placed, parts))
-            if seen <= float(moved @ moved) < math.inf:
-                return True
-        return False
-
-    found = []
+    basis = _tuning(fit)
+    noise = _untuned(fit.residual, basis)
+    visible = VISIBLE * float(noise @ noise) / len(noise)
     everywhere = places(fit.candidate.plant, fit.candidate.effects)
-    for (effect, port), shown in zip(everywhere, in_processes(shows, everywhere), strict=True):
+    begun = [_starts(effect, port, reach[port]) for effect, port in everywhere]
+    showing = in_processes(partial(_shows, fit, parts, basis, visible), begun)
+    found = []
+    for (effect, port), shown in zip(everywhere, showing, strict=True):
         if not shown or effect.beyond_reach:
             unit = '' if port.unit == '1' else f' {port.unit}'
             says = effect.excitation if not shown else (
@@ -162,3 +161,13 @@ def hidden(fit: Fit, parts: Sequence[Part]) -> list[Hidden]:
                 f'a limit beyond that cannot show')
             found.append(Hidden(effect.id, port.name, says))
     return found
+
+
+def _shows(fit: Fit, parts: Sequence[Part], basis: FloatArray, visible: float,
+           starts: Sequence[Placed]) -> bool:
+    """Whether an effect moves the output visibly at any start; the strongest come last."""
+    for placed in reversed(starts):
+        moved = _response(fit, parts, basis, placed)
+        if visible <= float(moved @ moved) < math.inf:
+            return True
+    return False

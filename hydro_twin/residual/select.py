@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from itertools import islice
 import math
 
@@ -191,7 +192,7 @@ def nearest(starts: Sequence[Placed], linear: Candidate, parts: Sequence[Part]
             ) -> list[Candidate]:
     """Add to linear laws, of the starts of each effect at each port, the one that misses least."""
     tried = [with_effect(linear, placed) for placed in starts]
-    missed = in_processes(lambda candidate: far(candidate, parts), tried)
+    missed = in_processes(partial(far, parts=parts), tried)
     best: dict[tuple[str, str], tuple[float, int]] = {}
     for k, (placed, misses) in enumerate(zip(starts, missed, strict=True)):
         place = placed.effect.id, placed.port.name

@@ -46,6 +46,7 @@ from hydro_twin.residual.structure import Dependence, dependences, drift, foreto
 
 AT_LAST = 60_000        # samples of a recording that was thinned, fitted whole in the end
 EVERY = 1000            # effects fitted in full in the first round
+LOUD = 6.0              # error over that of the noise, beyond which it cannot all be noise
 LIKELY = 0.05           # p-value from which something may be left that names do not explain
 THIRD, SIXTH = 3, 6     # the first third of every series is the test part; or the second sixth
 
@@ -60,7 +61,7 @@ class Trace:
         recordings: what these parts are of, by 'train' and 'test'; what is reported is scored on
             them.
         fitted: what of the training parts was fitted: all, or stretches of a long recording.
-        hidden: effects that the recording could not have shown.
+        hidden: effects that the recording could not have shown, if the model fits.
         proof: the improvement of the free run as reported, on the test part, by what was named
             and by the curve.
         unseen: RMS of the residual of `after` on the like of the test parts, but for their starts.
@@ -117,6 +118,14 @@ class Trace:
         return self.additions > 0
 
     @property
+    def fails(self) -> bool:
+        """Whether the model does not fit, and nothing was found that would help.
+
+        Then what an effect would have shown beside it says nothing of the recording.
+        """
+        return not self.changed and self.after.error > LOUD * self.floor
+
+    @property
     def is_stranger(self) -> bool:
         """Whether the model fails on data that was not fitted, in which more must happen."""
         return not self.unseen <= STRANGER * self.after.error
@@ -161,14 +170,19 @@ def _trace(train: Recording, test: Recording, plant: Plant,
     whole, unseen = parts_of(train, plant), parts_of(test, plant)
     sample_time = train.series[0].sample_time
     fine = excerpt(whole, plant, sample_time)
+    recorded = sum(len(part.measured) for part in whole)
     progress('linear model')
+    plain = None
     if model is None:
-        before = fit_linear(plant, fine, plant.constant_values(constants), sample_time,
-                            'physical', timing=True, seed=seed)
+        plain = fit_linear(plant, whole if recorded <= AT_LAST else fine,
+                           plant.constant_values(constants), sample_time, 'box', timing=False,
+                           seed=seed).candidate
+        before = _linear(plain, fine, seed)
     else:
         before = search(resampled(candidate_of(model), sample_time), fine, 1)
-    recorded = sum(len(part.measured) for part in whole)
     factor = harmless_factor(before, fine, recorded)
+    while not all(excerpt(parts, plant, sample_time, factor) for parts in (whole, unseen)):
+        factor //= 2        # what is thinned must be long enough, at factor 1 all of it is
     fine, elsewhere = (excerpt(parts, plant, sample_time, factor) for parts in (whole, unseen))
     parts, others = thin(fine, plant, factor), thin(elsewhere, plant, factor)
     if factor > 1 and recorded <= AT_LAST:
@@ -192,11 +206,18 @@ def _trace(train: Recording, test: Recording, plant: Plant,
         chain = Chain(base)
     progress('free curve')
     chain, found = _with_curve(chain, base, ground)
+    final = chain.fit if found is None else found.fit
+    if final is not base:
+        led = search(replace(final.candidate, effects=final.candidate.effects[:given]), parts, 40)
+        base, first = min(ground.best(base), led, key=lambda fit: fit.cost), base
+        chain = Chain(base) if chain.fit is first else chain
     after = chain.fit
     if factor > 1:
         progress('all samples')
         named = after is not base
         base = _as_recorded(base, sample_time, fine)
+        if plain:
+            base = min(base, search(plain, fine, 20), key=lambda fit: fit.cost)
         after = _as_recorded(after, sample_time, fine) if named else base
         found = found and _on_all(found, after, sample_time, fine, unseen, seed)
     if model is None:
@@ -205,21 +226,40 @@ def _trace(train: Recording, test: Recording, plant: Plant,
         before = search(before.candidate, fine, 1)
     after = without_unreached(after, fine)
     found = found and replace(found, fit=without_unreached(found.fit, fine))
+    # What is reported must help for sure, by the figure that is reported.
     gain = _gain(before, after if found is None else found.fit, test, seed)
-    if gain.relative < 0.0:     # the report would show that what was added makes it worse
-        chain, after, found = Chain(base), base, None
+    if found and not gain.low > 0.0:
+        found, gain = None, _gain(before, after, test, seed)
+    if chain.findings and not gain.low > 0.0:
+        chain, after = Chain(base), base
         gain = _gain(before, base, test, seed)
     pieces = stretches(after)
-    return Trace(
+    traced = Trace(
         plant=plant, before=before, after=after, train=whole, test=unseen,
-        recordings={'train': train, 'test': test}, fitted=fine,
-        hidden=tuple(hidden(after, fine)), findings=chain.findings,
+        recordings={'train': train, 'test': test}, fitted=fine, hidden=(),
+        findings=chain.findings,
         proof=gain, unseen=rms(np.concatenate(residuals(after, elsewhere))),
         floor=noise_floor(pieces), white=is_white(pieces),
         lines=tuple(lines(pieces, sample_time)),
         bursts=tuple(bursts(residuals(after, [*whole, *unseen]))),
         depends_on=tuple(dependences(after, fine)), drifts=drift(after),
         foretold=foretold(after, fine), found=found)
+    return traced if traced.fails else replace(traced, hidden=tuple(hidden(after, fine)))
+
+
+def _linear(plain: Candidate, parts: Sequence[Part], seed: int) -> Fit:
+    """Fit the linear plant within its physical range; no worse than the fit within the box.
+
+    What a better fit of the linear plant gains must not be credited to an effect.
+
+    Args:
+        plain: that fit, as `refit` makes it.
+        parts: what is fitted.
+        seed: of the random starts.
+    """
+    free = fit_linear(plain.plant, parts, plain.values, plain.sample_time, 'physical',
+                      timing=True, seed=seed)
+    return min(free, search(plain, parts, 40), key=lambda fit: fit.cost)
 
 
 def _gain(before: Fit, after: Fit, test: Recording, seed: int) -> Improvement:

@@ -6,12 +6,11 @@ from dataclasses import dataclass
 from hydro_twin.residual.chain import Finding, NEAR
 from hydro_twin.residual.screen import places, spans
 from hydro_twin.residual.structure import drifts
-from hydro_twin.residual.trace import Trace
+from hydro_twin.residual.trace import LOUD, Trace
 
 CLOSE = 10.0            # distance of the criterion below which the data do not tell rivals apart
 LEFT = 0.01             # share of what is left, foretold by the ports, that makes a law wrong
 LIKELY = 0.05           # p-value of that, or any below 1 where what is left has memory
-LOUD = 6.0              # error over that of the noise, beyond which it cannot all be noise
 CLEAN = 2.5             # error over that of the noise, up to which it may be coloured noise alone
 TELLING = 3000.0        # power explained over the noise's, to tell a law from one a little off
 

@@ -3,6 +3,7 @@ import json
 from pathlib import Path
 import subprocess
 import sys
+import tempfile
 
 import numpy as np
 import pytest
@@ -73,10 +74,20 @@ def test_errors_are_one_line(verb, capsys, error, status, line):
     assert capsys.readouterr() == ('', line)
 
 
-def test_a_bug_is_not_disguised(verb):
-    verb(fail(ZeroDivisionError()))
-    with pytest.raises(ZeroDivisionError):
-        main(['replay', 'bag'])
+def test_a_defect_is_one_line_that_names_a_file_to_attach(verb, capsys, tmp_path, monkeypatch):
+    monkeypatch.setattr(tempfile, 'tempdir', str(tmp_path))
+    verb(fail(ZeroDivisionError('of a\nlaw')))
+    assert main(['replay', 'my bag', '--json']) == 1
+    out, err = capsys.readouterr()
+    (file,) = tmp_path.iterdir()
+    assert out == ''
+    assert err == ('hydro-twin replay: a defect of this software (ZeroDivisionError: of a law); '
+                   f'please report it, and attach {file}\n')
+    report = file.read_text()
+    assert report.startswith("hydro-twin replay 'my bag' --json\n")
+    assert f'numpy {np.__version__}\n' in report
+    assert 'in run\n    raise error\n' in report
+    assert report.endswith('ZeroDivisionError: of a\nlaw\n')
 
 
 @pytest.mark.parametrize('arguments', [

@@ -4,7 +4,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from hydro_twin.fitting.candidate import Candidate, Part, parts_of
+from hydro_twin.fitting.candidate import _less_start, Candidate, Part, parts_of
 from hydro_twin.model import place
 from hydro_twin.plants import plant_named
 from hydro_twin.recording.series import Recording
@@ -87,3 +87,10 @@ def test_within_a_gap_the_start_is_told_by_the_side_that_is_met():
     assert np.ptp(measured[:50]) < 0.01 * np.ptp(measured)
     part = Part(inputs, measured)
     assert np.std(candidate.residual(part)) < 0.01 * np.std(measured)
+
+
+def test_states_that_the_first_samples_do_not_tell_apart_are_left_alone():
+    """As those of a plant at an end stop: the start is met exactly, and nothing later."""
+    missed = np.concatenate([np.full(50, 1e-9), np.linspace(1.0, 2.0, 100)])
+    rest = _less_start(missed, np.ones((150, 2)), 50)
+    np.testing.assert_allclose(rest, missed[50:], rtol=1e-6)

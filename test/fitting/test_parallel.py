@@ -1,54 +1,182 @@
 """Work spread over the cores."""
+from functools import partial
+from multiprocessing import get_context
 import os
+from pathlib import Path
+import pickle
 import signal
 import subprocess
 import sys
+import time
 
+from parallel_work import divide, forked, inner, one_dies, slow
 import pytest
 
+from hydro_twin.effects import EFFECTS, Placed
+from hydro_twin.effects.curve import over
+from hydro_twin.errors import UserError, WorkerError
+from hydro_twin.fitting import parallel
 from hydro_twin.fitting.parallel import in_processes, in_threads
+from hydro_twin.plants import PLANTS
+
+CORES = len(os.sched_getaffinity(0))
+several = pytest.mark.skipif(CORES < 2, reason='one core shares nothing')
 
 
-def test_results_come_in_order_from_other_processes():
-    """Closures are called elsewhere, where there are cores; results keep their order."""
-    offset = 10
-    results = list(in_processes(lambda k: (k + offset, os.getpid()), range(6)))
-    assert [value for value, _ in results] == [10, 11, 12, 13, 14, 15]
-    if len(os.sched_getaffinity(0)) > 1:
-        assert os.getpid() not in {process for _, process in results}
+@pytest.fixture(autouse=True)
+def worth_it(monkeypatch):
+    """Let any work be worth a worker."""
+    monkeypatch.setattr(parallel, 'WORTH', 0.0)
 
 
+def wait_for_workers():
+    """Work until workers do, too."""
+    end = time.monotonic() + 60.0
+    while {pid for _, pid in in_processes(slow, range(8))} == {os.getpid()}:
+        assert time.monotonic() < end
+
+
+@several
+def test_results_come_in_order_from_several_processes():
+    wait_for_workers()
+    results = list(in_processes(partial(slow, offset=10), range(12)))
+    assert [value for value, _ in results] == list(range(10, 22))
+    assert {pid for _, pid in results} > {os.getpid()}
+
+
+@several
 def test_a_worker_has_no_workers():
-    """What is spread out again within a worker is done there."""
-    def inner(_):
-        return len(set(in_processes(lambda _: os.getpid(), range(4))))
+    """What is spread out again within an item is done where the item is."""
+    wait_for_workers()
+    results = list(in_processes(inner, range(6)))
+    assert [count for count, _ in results] == [1] * 6
+    assert len({pid for _, pid in results}) > 1
 
-    assert list(in_processes(inner, range(2))) == [1, 1]
 
-
-def test_errors_come_back():
-    """What goes wrong in a worker is raised in its parent."""
-    def divide(k):
-        return 1 / k
-
+def test_an_error_comes_in_its_turn():
+    results = in_processes(divide, [1, 2, 4, 0, 8])
+    assert [next(results) for _ in range(3)] == [1.0, 0.5, 0.25]
     with pytest.raises(ZeroDivisionError):
-        list(in_processes(divide, [1, 0]))
+        next(results)
     with pytest.raises(ZeroDivisionError):
         in_threads(divide, [1, 0])
 
 
-def test_workers_end_with_their_parent():
-    """Whoever kills a command and waits for the end of its output does not wait for ever."""
-    endless = """
-import time
-from hydro_twin.fitting.parallel import in_processes
-def run(k):
-    print(k, flush=True)
-    time.sleep(30)
-list(in_processes(run, range(4)))
+@several
+def test_calls_that_are_not_exhausted_block_no_other():
+    wait_for_workers()
+    first = in_processes(slow, range(50))
+    second = in_processes(partial(slow, offset=100), range(50))
+    assert (next(first)[0], next(second)[0]) == (0, 100)
+    assert [value for value, _ in in_processes(slow, range(10))] == list(range(10))
+    first.close()
+    assert [value for value, _ in second] == list(range(101, 150))
+
+
+def test_closures_are_called_here():
+    here = os.getpid()
+    assert list(in_processes(lambda k: (k, os.getpid()), range(5))) == [
+        (k, here) for k in range(5)]
+
+
+@several
+def test_a_worker_that_dies_is_one_line_and_the_next_call_has_others():
+    wait_for_workers()
+    with pytest.raises(WorkerError, match='worker process ended by itself') as error:
+        list(in_processes(partial(one_dies, os.getpid()), range(50)))
+    assert isinstance(error.value, UserError)
+    wait_for_workers()
+
+
+@several
+@pytest.mark.filterwarnings('ignore:.*fork:DeprecationWarning')
+def test_somebody_elses_fork_leaves_the_workers_alone():
+    wait_for_workers()
+    context = get_context('fork')
+    queue = context.Queue()
+    child = context.Process(target=forked, args=(queue,))
+    child.start()
+    assert [value for value, _ in queue.get(timeout=60)] == list(range(6))
+    child.join()
+    assert child.exitcode == 0
+    assert len({pid for _, pid in in_processes(slow, range(12))}) > 1
+
+
+def run(script, *options, **more):
+    return subprocess.Popen([sys.executable, *options, script], stdout=subprocess.PIPE,
+                            stderr=subprocess.PIPE, text=True, **more)
+
+
+SCRIPT = """
+import os, time
+from hydro_twin.fitting import parallel
+parallel.WORTH = 0.0
+print('begins')
+for _ in range(100):
+    if len(set(parallel.in_processes(time.sleep, [0.02] * 8)) | set(map(
+            os.path.basename, parallel.in_processes(os.readlink, ['/proc/self'] * 40)))) > 2:
+        print('shared')
+        break
+print('ends', flush=True)
 """
-    with subprocess.Popen([sys.executable, '-c', endless], stdout=subprocess.PIPE) as process:
-        process.stdout.readline()
-        process.kill()
-        process.communicate(timeout=20)     # until none holds the pipe
-    assert process.returncode == -signal.SIGKILL
+
+
+@several
+def test_a_script_without_a_guard_is_run_once(tmp_path):
+    (tmp_path / 'script.py').write_text(SCRIPT)
+    with run(tmp_path / 'script.py') as process:
+        assert process.communicate(timeout=60) == ('begins\nshared\nends\n', '')
+
+
+def children(pid):
+    """List the processes that a process has begun."""
+    found = Path(f'/proc/{pid}/task/{pid}/children').read_text()
+    return [int(child) for child in found.split()]
+
+
+def is_alive(pid):
+    try:
+        return Path(f'/proc/{pid}/stat').read_text().rpartition(')')[2].split()[0] != 'Z'
+    except FileNotFoundError:
+        return False
+
+
+ENDLESS = """
+import time
+from hydro_twin.fitting import parallel
+parallel.WORTH = 0.0
+list(parallel.in_processes(time.sleep, [0.02] * 8))
+print('begins', flush=True)
+list(parallel.in_processes(time.sleep, [600.0] * 8))
+"""
+
+
+@several
+@pytest.mark.parametrize('how', [signal.SIGKILL, signal.SIGTERM, signal.SIGINT])
+def test_workers_end_with_their_parent(tmp_path, how):
+    """However it ends, amid an item: nobody waits for the end of its output for ever."""
+    (tmp_path / 'script.py').write_text(ENDLESS)
+    with run(tmp_path / 'script.py', start_new_session=True) as process:
+        assert process.stdout.readline() == 'begins\n'
+        workers = children(process.pid)
+        assert len(workers) == min(CORES - 1, 7)
+        if how == signal.SIGINT:
+            os.killpg(process.pid, how)     # as a terminal does
+        else:
+            process.send_signal(how)
+        _, errors = process.communicate(timeout=30)     # until none holds the pipes
+    assert process.returncode == -how
+    assert errors.count('Traceback') == (how == signal.SIGINT)
+    assert not any(map(is_alive, workers))
+
+
+def test_effects_are_the_same_on_the_other_side():
+    """Their laws are compiled: they go by name, not by value."""
+    for effect in EFFECTS:
+        assert pickle.loads(pickle.dumps(effect)) is effect
+    for plant in PLANTS.values():
+        assert pickle.loads(pickle.dumps(plant)) == plant
+        port = plant.ports[-1]
+        effect = over(port, 'value')
+        placed = Placed(effect, port, (0.0,) * len(effect.parameters))
+        assert pickle.loads(pickle.dumps(placed)) == placed

@@ -8,7 +8,7 @@ from trace_by_hand import candidate, trace
 
 from hydro_twin.fitting.candidate import Part
 from hydro_twin.plants import plant_named
-from hydro_twin.report.summary import remainder_sentence
+from hydro_twin.report.summary import remainder_sentence, summarise
 from hydro_twin.residual.chain import Finding
 from hydro_twin.residual.noise import noise_floor
 from hydro_twin.residual.select import search
@@ -27,6 +27,16 @@ def test_an_error_of_many_times_the_noise_is_not_noise(rubbing):
     loud = replace(nothing, floor=nothing.after.error / 8.0)
     assert judge(loud).kind == 'unexplained'
     assert '8 times as large as the noise' in remainder_sentence(loud)
+
+
+def test_where_the_model_does_not_fit_nothing_is_said_of_other_effects(rubbing):
+    """What would have shown beside a fit that failed is no matter of the recording."""
+    assert summarise(rubbing, judge(rubbing))['cannot_show']
+    failed = replace(rubbing, findings=(), after=rubbing.before,
+                     floor=rubbing.before.error / 8.0)
+    summary = summarise(failed, judge(failed))
+    assert (summary['verdict'], summary['cannot_show']) == ('unexplained', [])
+    assert 'the model does not fit, by 8 times the noise' in summary['says']
 
 
 def test_coloured_noise_may_look_five_times_as_large(rubbing):

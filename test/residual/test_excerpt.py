@@ -2,7 +2,7 @@
 import numpy as np
 import pytest
 
-from hydro_twin.fitting.candidate import Candidate, Part, parts_of
+from hydro_twin.fitting.candidate import Candidate, least_samples, Part, parts_of
 from hydro_twin.fitting.free_run import fit_linear
 from hydro_twin.model import place
 from hydro_twin.plants import plant_named
@@ -106,3 +106,10 @@ def test_a_thinned_run_is_the_run_thinned():
     expected = rig.system.run(whole.inputs, start)[::COARSEST][:len(run)]
     assert np.abs(run - expected).max() < 0.01 * np.ptp(expected)
     assert resampled(coarse, rig.sample_time).sample_time == rig.sample_time
+
+
+def test_parts_that_would_be_too_short_once_they_are_thinned_are_left_out():
+    short = part(8 * least_samples(PLANT, 8 * DT) - 1, 'short')
+    cut = excerpt([part(30_000, 'long'), short], PLANT, DT, 8)
+    assert {one.source for one in cut} == {'long'}
+    assert excerpt([short], PLANT, DT, 8) == []

@@ -1,13 +1,24 @@
 """A curve that stands for a law without a name: found where the law is, and only there."""
 from dataclasses import replace
+import pickle
 
 import numpy as np
 import pytest
 from traced_rig import fitted, PLANT, record
 
 from hydro_twin.effects.curve import curve, KNOTS, values
+from hydro_twin.fitting.candidate import Candidate, Part
+from hydro_twin.fitting.free_run import effect_unknowns
 from hydro_twin.model import place
-from hydro_twin.residual.curve import find_curve, is_better, is_drawn, is_mostly_constant
+from hydro_twin.plants import plant_named
+from hydro_twin.residual.curve import (
+    find_curve,
+    is_better,
+    is_drawn,
+    is_mostly_constant,
+    LARGEST,
+    reached,
+)
 from hydro_twin.residual.passing import passing
 from hydro_twin.residual.screen import spans
 from hydro_twin.residual.select import search
@@ -87,3 +98,48 @@ def test_a_constant_and_a_line_are_mostly_a_constant(shape, constant):
     added = 1e-3 * reach.value * shape(np.linspace(-1.0, 1.0, KNOTS))
     model = replace(fit.candidate, effects=(curve(port, 'opening', -high, high, added),))
     assert is_mostly_constant(replace(fit, candidate=model), train) == constant
+
+
+def test_knots_lie_where_the_recording_went():
+    """A curve may drive its own signal to where the rig never was, the more so the stronger."""
+    plant = plant_named('cylinder')
+    t = 0.002 * np.arange(1500)
+    inputs = np.sin(2 * np.pi * t)[:, None]
+    linear = Candidate(plant, {'tau': 0.05, 'K_v': 0.1}, 0.002)
+    part = Part(inputs, linear.system.run(inputs, np.zeros(2)))
+    ports = {(port.name, port.kind): port for port in plant.ports}
+    rate, speed = ports['spool', 'rate'], ports['piston', 'speed']
+    seen = np.empty((len(t), len(linear.system.H)))
+    linear.system.run(inputs, np.zeros(2), seen=seen)
+    most = np.abs(seen[:, plant.ports.index(rate)]).max()
+    driven = replace(linear, effects=(
+        curve(rate, 'value', -most, most, np.linspace(1.0, -1.0, KNOTS) * most),))
+    assert np.abs(passing(driven, driven.effects[0], part).signals['value']).max() > 3 * most
+    low, high = reached(driven, [part])
+    assert -1.01 * most < low < high < 1.01 * most
+    # The output is measured.
+    placed = curve(speed, 'position', -1.0, 1.0, np.linspace(0.0, 5.0, KNOTS))
+    low, high = reached(replace(linear, effects=(placed,)), [part])
+    assert (low, high) == pytest.approx((part.measured.min(), part.measured.max()), abs=1e-3)
+
+
+def test_values_of_a_curve_are_bounded():
+    port = PLANT.ports[0]
+    placed = curve(port, 'value', -1.0, 1.0, np.zeros(KNOTS), 2.5)
+    for one in (placed, pickle.loads(pickle.dumps(placed))):
+        assert {(u.lower, u.upper) for u in effect_unknowns(0, one)} == {(-2.5, 2.5)}
+
+
+@pytest.mark.slow
+def test_what_is_found_stays_within_what_its_port_carries(uneven):
+    fit, train, test, curves = uneven
+    found = find_curve(fit, train, test, curves, 0)
+    carried = spans(fit.candidate, train)[found.placed.port].value
+    assert np.abs(found.placed.values[2:]).max() <= LARGEST * carried
+
+
+def test_where_nothing_moves_there_is_no_curve(monkeypatch):
+    """Though something is left that the ports foretell."""
+    fit, train, test = fitted(record(count=1, duration=1.2))
+    monkeypatch.setattr('hydro_twin.residual.curve.foretold', lambda *_: (0.5, 0.0))
+    assert find_curve(fit, train, test, [], 0) is None

@@ -176,3 +176,14 @@ def test_what_cannot_show_is_said(linear):
     assert ('friction', 'motor') not in said
     quiet = fitted(record(amplitude=1e-5, noise=0.5))
     assert {h.id for h in hidden(quiet[0], quiet[1])} >= {'dead_zone', 'orifice', 'asymmetry'}
+
+
+def test_columns_that_grow_without_bound_explain_nothing():
+    rng = np.random.default_rng(0)
+    shape, noise = rng.standard_normal((2, 1000))
+    basis = np.linalg.qr(rng.standard_normal((1000, 2)))[0]
+    wild = np.column_stack([np.exp(np.linspace(0.0, 700.0, 1000)), np.full(1000, np.nan), shape])
+    alone = explained(shape[:, None], shape + noise, basis)
+    weights, share, p_value = explained(wild, shape + noise, basis)
+    np.testing.assert_allclose(weights, [0.0, 0.0, alone[0][0]])
+    assert (share, p_value) == pytest.approx(alone[1:])

@@ -8,7 +8,15 @@ import pytest
 from traced_rig import fitted, PLANT, record
 
 from hydro_twin.model import place
-from hydro_twin.residual.chain import Chain, explained_share, Finding, Ground, supported
+from hydro_twin.residual.chain import (
+    _proven,
+    Chain,
+    explained_share,
+    Finding,
+    Ground,
+    supported,
+)
+from hydro_twin.residual.proof import Improvement
 from hydro_twin.residual.select import likelihood_gain, search, stretches
 
 FRICTION = ('friction', 'motor', {'coulomb': 10.0})
@@ -72,3 +80,12 @@ def test_the_best_fit_without_an_effect_is_remembered_in_the_order_of_the_chain(
     fit, = ground.without(lost, [third])
     assert [placed.effect.id for placed in fit.candidate.effects] == ['friction', 'bias']
     assert fit.error == pytest.approx(swapped.error, rel=1e-3)
+
+
+def test_an_effect_is_proven_by_the_whole_interval_of_its_improvement(both, monkeypatch):
+    """However much likelier the data are with it."""
+    chain, alone, ground = grown(both, FRICTION, BIAS)
+    assert names(_proven(chain, alone, ground)) == ['friction', 'bias']
+    monkeypatch.setattr('hydro_twin.residual.chain.improvement',
+                        lambda before, after, seed: Improvement(0.3, -0.11, 0.65))
+    assert names(_proven(chain, alone, ground)) == []

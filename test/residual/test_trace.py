@@ -6,7 +6,7 @@ import math
 
 import numpy as np
 import pytest
-from traced_rig import PLANT, record, VALUES
+from traced_rig import fitted, PLANT, record, VALUES
 import yaml
 
 from hydro_twin.commands.main import main
@@ -143,10 +143,29 @@ def test_what_happens_in_the_first_third_only_is_found():
     assert found.unseen < 0.22
 
 
+def test_the_linear_fit_is_no_worse_than_that_of_refit(monkeypatch):
+    """Though its own search ends in a local minimum."""
+    fit, parts, _ = fitted(record(count=1, duration=1.2))
+    astray = replace(fit, residual=3.0 * fit.residual)
+    module = importlib.import_module('hydro_twin.residual.trace')
+    monkeypatch.setattr(module, 'fit_linear', lambda *_, **__: astray)
+    assert module._linear(fit.candidate, parts, 0).error < 1.001 * fit.error
+    monkeypatch.setattr(module, 'fit_linear', lambda *_, **__: replace(
+        fit, residual=0.1 * fit.residual))
+    assert module._linear(fit.candidate, parts, 0).error == pytest.approx(0.1 * fit.error)
+
+
 @pytest.mark.slow
 def test_the_order_of_the_bags_does_not_matter(rubbing, reference):
     report = report_of(Recording(rubbing.series[::-1]))
     assert_same_finding(report, reference, rel=0.01)
+
+
+@pytest.mark.slow
+def test_the_number_of_processes_does_not_matter(rubbing, reference, monkeypatch):
+    """To the last digit."""
+    monkeypatch.setattr('hydro_twin.fitting.parallel._cores', lambda: 1)
+    assert report_of(rubbing) == reference
 
 
 @pytest.mark.slow
@@ -189,13 +208,16 @@ def test_a_measurement_at_half_the_rate_sets_the_clock(tmp_path, capsys):
 
 
 @pytest.mark.slow
-def test_what_makes_the_free_run_worse_where_nothing_was_fitted_is_not_named(rubbing, monkeypatch):
+@pytest.mark.parametrize('highest', [-0.1, 0.65])
+def test_what_may_make_the_free_run_worse_where_nothing_was_fitted_is_not_named(
+        rubbing, monkeypatch, highest):
+    """The interval of what is reported must exclude zero."""
     module = importlib.import_module('hydro_twin.residual.trace')
     honest = module._gain
 
     def worse(before, after, unseen, seed):
         gain = honest(before, after, unseen, seed)
-        return gain if after is before else replace(gain, low=-gain.high, high=-gain.low)
+        return gain if after is before else replace(gain, low=-0.2, high=highest)
 
     monkeypatch.setattr(module, '_gain', worse)
     found = trace(rubbing, None, PLANT)

@@ -1,0 +1,32 @@
+"""What the tests of `parallel` have done in other processes; imports little."""
+import os
+import signal
+import time
+
+from hydro_twin.fitting.parallel import in_processes
+
+
+def slow(k, offset=0):
+    """Take long enough for a worker to have its share, wherever it has not."""
+    time.sleep(0.02)
+    return k + offset, os.getpid()
+
+
+def inner(_):
+    return len({pid for _, pid in in_processes(slow, range(4))}), os.getpid()
+
+
+def divide(k):
+    time.sleep(0.02)
+    return 1 / k
+
+
+def one_dies(parent, k):
+    """End the process, unless it is the parent."""
+    if os.getpid() != parent:
+        os.kill(os.getpid(), signal.SIGKILL)
+    time.sleep(0.02)
+
+
+def forked(queue):
+    queue.put(list(in_processes(slow, range(6))))

@@ -1,0 +1,174 @@
+"""Whatever was recorded, a trace ends in a verdict or in one line."""
+from __future__ import annotations
+
+from dataclasses import replace
+import os
+from pathlib import Path
+
+from hypothesis import given, HealthCheck, settings
+from hypothesis import strategies as st
+import numpy as np
+import pytest
+
+from hydro_twin.commands.common import read, rig_of
+from hydro_twin.errors import UserError
+from hydro_twin.fitting.candidate import Candidate, parts_of
+from hydro_twin.plants import PLANTS
+from hydro_twin.recording.series import Recording, Series
+from hydro_twin.report.summary import summarise
+from hydro_twin.residual.curve import find_curve
+from hydro_twin.residual.excerpt import excerpt, harmless_factor, thin
+from hydro_twin.residual.noise import bursts, is_white, lines, noise_floor
+from hydro_twin.residual.proof import proof
+from hydro_twin.residual.screen import hidden, screen
+from hydro_twin.residual.select import search, stretches
+from hydro_twin.residual.structure import dependences, drift, foretold, free_curves
+from hydro_twin.residual.trace import trace
+from hydro_twin.residual.verdict import judge
+
+BAGS = Path(__file__).parents[2] / 'bags'
+SOURCES = (('load_simulator', 'rig_a'), ('valve_servo', 'valve_limit'))
+DATA = Path(os.environ.get('HYDRO_TWIN_DATA', 'nowhere'))
+
+# Numbers that overflow end as errors that are very large, which numpy remarks on.
+pytestmark = pytest.mark.filterwarnings('ignore::RuntimeWarning')
+
+
+def bent(column, how):
+    """Spoil a column in one of the ways in which recordings are spoilt."""
+    size = np.abs(column).max() + 1e-9
+    match how:
+        case 'constant':
+            return np.full_like(column, column[0])
+        case 'zero':
+            return np.zeros_like(column)
+        case 'huge':
+            return 1e12 * column
+        case 'tiny':
+            return 1e-12 * column
+        case 'spiky':
+            spoilt = column.copy()
+            spoilt[::37] = 1e6 * size
+            return spoilt
+        case 'coarse':
+            return np.round(3.0 * column / size)
+        case 'bursting':
+            return np.where(np.arange(len(column)) < len(column) // 2, 0.0, column)
+    return column
+
+
+HOWS = st.sampled_from(['as it is'] * 4 + ['constant', 'zero', 'huge', 'tiny', 'spiky', 'coarse',
+                                           'bursting'])
+
+
+def cuts(largest):
+    """Draw how one to three series are cut out of a sample bag, and how they are spoilt."""
+    place = st.floats(0.0, 1.0)
+    return st.tuples(
+        st.sampled_from(SOURCES), st.lists(HOWS, min_size=3, max_size=3), st.booleans(),
+        st.lists(st.tuples(place, place, st.integers(60, largest)), min_size=1, max_size=3))
+
+
+def recording_of(drawn):
+    """Make the recording that was drawn; (plant, recording)."""
+    (name, bag), hows, alike, places = drawn
+    plant = PLANTS[name]
+    whole = read([BAGS / bag], rig_of(plant)).series
+    spoilt = dict(zip((signal.name for signal in plant.signals), hows, strict=False))
+    series = []
+    for which, where, length in places:
+        one = whole[round(which * (len(whole) - 1))]
+        begin = round(where * max(len(one) - length, 0))
+        cut = one.part(begin, begin + length)
+        series.append(replace(cut, columns={
+            column: bent(values, spoilt[column]) for column, values in cut.columns.items()}))
+    return plant, Recording(tuple(series[:1] * len(series) if alike else series))
+
+
+def fitted(plant, recording):
+    """Fit the linear plant by one step from the middle of its box: a fit as bad as any."""
+    parts = parts_of(recording, plant)
+    values = plant.constant_values() | {p.name: (p.lower * p.upper) ** 0.5
+                                        for p in plant.parameters}
+    sample_time = recording.series[0].sample_time
+    return search(Candidate(plant, values, sample_time), parts, 2), parts
+
+
+def looked_at(fit, parts):
+    """Ask all that a trace asks of a fit, but for full fits of effects."""
+    residuals = stretches(fit)
+    assert noise_floor(residuals) >= 0.0
+    assert is_white(residuals) in (True, False)
+    lines(residuals, fit.candidate.sample_time)
+    bursts(residuals)
+    dependences(fit, parts)
+    drift(fit)
+    foretold(fit, parts)
+    fit.identifiability()
+    factor = harmless_factor(fit, parts, 10**6)
+    thin(excerpt(parts, factor), fit.candidate.plant, factor)
+    assert proof(fit, fit, parts, 0).relative == 0.0
+
+
+@settings(max_examples=4, derandomize=True, suppress_health_check=list(HealthCheck))
+@given(cuts(largest=160))
+def test_what_is_asked_of_any_fit_is_answered(drawn):
+    try:
+        fit, parts = fitted(*recording_of(drawn))
+    except UserError:
+        return
+    looked_at(fit, parts)
+
+
+@pytest.mark.slow
+@settings(max_examples=25, derandomize=True, suppress_health_check=list(HealthCheck))
+@given(cuts(largest=300))
+def test_screening_and_curves_are_answered_too(drawn):
+    try:
+        fit, parts = fitted(*recording_of(drawn))
+    except UserError:
+        return
+    looked_at(fit, parts)
+    screen(fit, parts)
+    hidden(fit, parts)
+    find_curve(fit, parts, parts, [replace(curve, p_value=0.0, share=1.0)
+                                   for curve in free_curves(fit, parts)], 0)
+
+
+@pytest.mark.slow
+@settings(max_examples=6, derandomize=True, suppress_health_check=list(HealthCheck))
+@given(cuts(largest=300))
+def test_a_trace_ends_in_a_verdict_or_one_line(drawn):
+    ends(*recording_of(drawn))
+
+
+def ends(plant, recording):
+    try:
+        found = trace(recording, None, plant)
+    except UserError:
+        return
+    assert summarise(found, judge(found))['verdict'] in (
+        'effect_found', 'nothing_missing', 'unexplained')
+
+
+@pytest.mark.slow
+def test_short_series_among_long_ones_that_are_thinned():
+    """What is left of them once they are thinned is too short to be scored."""
+    plant = PLANTS['cylinder']
+    rng = np.random.default_rng(0)
+    series = []
+    for samples in (24_000, 350):
+        t = 0.002 * np.arange(samples)
+        command = sum(np.sin(2 * np.pi * f * t + p) for f, p in rng.uniform(0.05, 0.6, (4, 2)))
+        values = {'tau': 0.05, 'K_v': 0.1}
+        x = Candidate(plant, values, 0.002).system.run(command[:, None], np.zeros(2))
+        x = x + 1e-4 * rng.standard_normal(samples)
+        series.append(Series({'command': command, 'x': x}, 0.002))
+    ends(plant, Recording(tuple(series)))
+
+
+@pytest.mark.slow
+@pytest.mark.skipif(not (DATA / 'faults').is_dir(), reason='HYDRO_TWIN_DATA is not set')
+def test_a_servo_at_its_end_stop():
+    rig = rig_of(PLANTS['valve_servo'])
+    ends(rig.plant, read([DATA / 'faults' / 'valve_stop' / f'run{k}' for k in range(3)], rig))
