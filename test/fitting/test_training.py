@@ -103,7 +103,7 @@ def test_learns_what_no_linear_model_can(problem: Problem) -> None:
 
 def test_the_curve_starts_at_the_untrained_network(problem: Problem) -> None:
     trained = train_batch(problem, [Job(SMALL, 3)])[0]
-    untrained = problem.network(SMALL.hidden, first_weights([14, 6, 5, 1], 3))
+    untrained = problem.network(SMALL, first_weights([14, 6, 5, 1], 3))
     error = untrained(problem.regressors) - problem.targets
     assert trained.curve[0] == pytest.approx(np.sqrt(np.mean(error**2)), rel=1e-5)
     assert trained.curve.shape == (40,)

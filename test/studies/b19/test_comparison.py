@@ -11,8 +11,8 @@ import numpy as np
 import pytest
 
 from hydro_twin.errors import UserError
-from hydro_twin.fitting.study import MODES, PARTS, Run, Study, TITLES
-from hydro_twin.report.comparison import page, summary, table, write_comparison
+from hydro_twin.studies.b19.study import MODES, PARTS, Run, Study, TITLES
+from hydro_twin.studies.b19.comparison import page, summary, table, write_comparison
 
 RUNS = 6
 

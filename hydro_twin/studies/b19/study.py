@@ -11,19 +11,18 @@ from scipy.stats import mannwhitneyu
 from hydro_twin.errors import DataError
 from hydro_twin.fitting.candidate import parts_of
 from hydro_twin.fitting.coefficients import coefficients_of
-from hydro_twin.fitting.network import HYBRID, Job, make_problem, Settings, train_many
-from hydro_twin.fitting.one_step import Coefficients, least_squares, one_step_error
-from hydro_twin.fitting.populations import METHODS
+from hydro_twin.fitting.network import Job, SETTINGS, Settings, train_many
+from hydro_twin.fitting.populations import fit_one_step
+from hydro_twin.fitting.refit import errors_of, network_problem
 from hydro_twin.fitting.regression import Regression, regression
 from hydro_twin.fitting.search import SearchResult
-from hydro_twin.fitting.start import START
 from hydro_twin.model import Estimate, Model
 from hydro_twin.plants import Plant
 from hydro_twin.plants.plant import FloatArray
 from hydro_twin.predictors.analytical import Analytical
 from hydro_twin.predictors.hybrid import NetworkPredictor
-from hydro_twin.predictors.scores import rms
-from hydro_twin.recording.series import Recording, Series
+from hydro_twin.predictors.predictor import Predictor
+from hydro_twin.recording.series import Recording
 
 TITLES = {'random': 'RG', 'ea': 'EA', 'bees': 'BA', 'pso': 'PSO', 'mlp': 'MLP',
           'hybrid': 'hybrid', 'least_squares': 'LS'}
@@ -39,7 +38,7 @@ Key = tuple[str, str]                       # part, mode
 class Part:
     """Data of the study, and the factor of their one-step problem."""
 
-    series: Sequence[Series]
+    recording: Recording
     factor: Regression
 
 
@@ -50,10 +49,12 @@ class Run:
     Attributes:
         errors: RMS in the output's unit by part and mode; infinite after a divergence.
         curve: training error after every cycle or epoch.
+        test_curve: that of a network on the test part, which it does not see.
     """
 
     errors: Mapping[Key, float]
     curve: FloatArray
+    test_curve: FloatArray | None = None
 
 
 @dataclass(frozen=True)
@@ -81,6 +82,7 @@ class Study:
 def study(
     train: Recording, test: Recording, plant: Plant, constants: Mapping[str, float], runs: int,
     seed: int = 0, device: str = 'cpu', run_done: Callable[[], object] = lambda: None,
+    settings: Mapping[str, Settings] = SETTINGS,
 ) -> Study:
     """Run every method a number of times, with the settings of [B19].
 
@@ -95,6 +97,7 @@ def study(
         seed: of the first run.
         device: as in `network.train_many`.
         run_done: called after every run.
+        settings: of the networks, by kind.
 
     Raises:
         DataError: a part is too short, constant or not finite.
@@ -112,14 +115,14 @@ def study(
     fits = {}
     for method in TITLES:
         if method not in ('mlp', 'hybrid'):
-            fits[method] = [fit(method, parts['train'].factor, coefficients, plant, s)
+            fits[method] = [fit_one_step(method, parts['train'].factor, coefficients, plant, s)
                             for s in seeds]
-            collect(method, (analytical_run(result, coefficients, parts, plant, constants)
+            collect(method, (analytical_run(result, parts, plant, constants)
                              for result in fits[method]))
     base = model_of('hybrid', fits['least_squares'][0].best, plant, constants)
     mlp = Model(plant, {}, constants, plant.sample_time, 'mlp')
-    collect('mlp', network_runs(mlp, Settings(), parts, seeds, device))
-    collect('hybrid', network_runs(base, HYBRID, parts, seeds, device))
+    collect('mlp', network_runs(mlp, settings['mlp'], parts, seeds, device))
+    collect('hybrid', network_runs(base, settings['hybrid'], parts, seeds, device))
     best = parts['train'].factor.best()
     return Study(found, {name: part.factor.patterns for name, part in parts.items()},
                  {name: part.factor.persistence() for name, part in parts.items()},
@@ -135,21 +138,10 @@ def make_part(name: str, recording: Recording, plant: Plant) -> Part:
     inputs = [signal.name for signal in plant.inputs]
     try:
         parts_of(recording, plant)          # refuses what is too short for a free run
-        return Part(recording.series, regression(recording.series, plant.output.name, inputs,
+        return Part(recording, regression(recording.series, plant.output.name, inputs,
                                                  plant.order))
     except DataError as error:
         raise DataError(f'{name} part: {error}') from error
-
-
-def fit(
-    method: str, factor: Regression, coefficients: Coefficients, plant: Plant, seed: int,
-) -> SearchResult:
-    """Search the plant's box for the least one-step error by a method of `TITLES`."""
-    lower, upper = np.array([(p.lower, p.upper) for p in plant.parameters]).T
-    if method == 'least_squares':
-        names = [p.name for p in plant.parameters]
-        return least_squares(factor, coefficients, names, plant.combinations, lower, upper, seed)
-    return METHODS[method](one_step_error(factor, coefficients), lower, upper, seed)
 
 
 def model_of(
@@ -162,17 +154,11 @@ def model_of(
 
 
 def analytical_run(
-    found: SearchResult, coefficients: Coefficients, parts: Mapping[str, Part], plant: Plant,
-    constants: Mapping[str, float],
+    found: SearchResult, parts: Mapping[str, Part], plant: Plant, constants: Mapping[str, float],
 ) -> Run:
-    """Score physical parameters on all parts."""
+    """Score physical parameters on both parts."""
     predictor = Analytical(model_of('analytical', found.best, plant, constants))
-    c = coefficients(found.best[None])[0]
-    errors = {}
-    for name, part in parts.items():
-        errors[name, 'one_step'] = float(part.factor.rms(c))
-        errors[name, 'free_run'] = free_run_error(predictor, part.series)
-    return Run(errors, found.history)
+    return Run(scores(predictor, recordings_of(parts)), found.history)
 
 
 def network_runs(
@@ -180,32 +166,24 @@ def network_runs(
     device: str,
 ) -> Iterator[Run]:
     """Train networks on the training part, on the analytical model's error if it is a hybrid."""
-    problems = {}
-    for name, part in parts.items():
-        predicted = None
-        if model.kind == 'hybrid':
-            analytical = Analytical(model)
-            predicted = [analytical.one_step(series) for series in part.series]
-        problems[name] = make_problem(part.series, model.plant, predicted)
+    problems = {name: network_problem(part.recording, model) for name, part in parts.items()}
+    recordings = recordings_of(parts)
     jobs = [Job(settings, seed) for seed in seeds]
-    for trained in train_many(problems['train'], jobs, device):
+    for trained in train_many(problems['train'], jobs, device, problems['test']):
         predictor = NetworkPredictor(model, trained.network)
-        errors = {}
-        for name, part in parts.items():
-            problem = problems[name]
-            errors[name, 'one_step'] = rms(trained.network(problem.regressors) - problem.targets)
-            errors[name, 'free_run'] = free_run_error(predictor, part.series)
-        yield Run(errors, trained.curve)
+        yield Run(scores(predictor, recordings), trained.curve, trained.watched)
 
 
-def free_run_error(
-    predictor: Analytical | NetworkPredictor, stretches: Sequence[Series],
-) -> float:
-    """RMS of the free run, from rest, once its start is over; infinite if one diverges."""
-    output = predictor.plant.output.name
-    error = rms(np.concatenate([(predictor.free_run(series) - series[output])[START:]
-                                for series in stretches]))
-    return error if math.isfinite(error) else math.inf
+def recordings_of(parts: Mapping[str, Part]) -> dict[str, Recording]:
+    """Take the recordings of the parts."""
+    return {name: part.recording for name, part in parts.items()}
+
+
+def scores(predictor: Predictor, parts: Mapping[str, Recording]) -> dict[Key, float]:
+    """Score a predictor on both parts; infinite where a run diverges."""
+    errors = errors_of(predictor, parts['train'], parts['test'])
+    return {(part, mode): error if math.isfinite(error) else math.inf
+            for mode, by_part in errors.items() for part, error in by_part.items()}
 
 
 def five_numbers(errors: FloatArray) -> FloatArray:

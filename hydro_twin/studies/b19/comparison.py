@@ -17,7 +17,7 @@ from matplotlib.figure import Figure
 import numpy as np
 
 from hydro_twin.errors import UserError
-from hydro_twin.fitting.study import five_numbers, mann_whitney, MODES, PARTS, Study, TITLES
+from hydro_twin.studies.b19.study import five_numbers, mann_whitney, MODES, PARTS, Study, TITLES
 
 MODE_TITLES = {'one_step': 'one step', 'free_run': 'free run'}
 EXPERIMENTS = {'direct': 'as recorded', 'swapped': 'training and test data swapped'}
@@ -83,7 +83,7 @@ def table(experiments: Mapping[str, Any]) -> str:
 
 def page(result: Mapping[str, Any]) -> str:
     """Write the HTML page, which needs no other file."""
-    environment = Environment(loader=PackageLoader('hydro_twin', 'report'), autoescape=True,
+    environment = Environment(loader=PackageLoader('hydro_twin.studies.b19', '.'), autoescape=True,
                               undefined=StrictUndefined, trim_blocks=True, lstrip_blocks=True)
     environment.filters['rms'] = lambda value: 'diverged' if value is None else f'{value:.5g}'
     environment.filters['p'] = lambda value: f'{value:.2g}'
