@@ -51,8 +51,9 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
                 pair[0], rig.plant, rig.constants, args.output / f'{name}.{{}}.search.jsonl',
                 args.seed, args.device, tick) for name, pair in pairs.items()}
     with common.progress('comparing', len(pairs) * len(TITLES) * args.runs) as run_done:
-        studies = {name: study(*pair, rig.plant, rig.constants, args.runs, args.seed,
-                               args.device, run_done, chosen[name]) for name, pair in pairs.items()}
+        studies = {
+            name: study(*pair, rig.plant, rig.constants, args.runs, args.seed, args.device,
+                        run_done, chosen[name]) for name, pair in pairs.items()}
     result = {
         'plant': rig.plant.name,
         'unit': rig.plant.output.unit,

@@ -26,8 +26,9 @@ def bees(
 
     Of each cycle's 100 candidates 80 search the patches round the six best sites and 20 scout
     the whole box. A patch, whose size the paper leaves open, is a box of half the search box's
-    width either side to begin with, and shrinks by 0.8 whenever no forager improves its site (Pham and Castellani 2009); after
-    ten such cycles in a row the site is abandoned, and only the record keeps it.
+    width either side to begin with, and shrinks by 0.8 whenever no forager improves its site
+    (Pham and Castellani 2009); after ten such cycles in a row the site is abandoned, and only the
+    record keeps it.
 
     Args:
         objective: scores a population, shape (P, d) -> (P,).

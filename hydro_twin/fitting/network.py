@@ -221,12 +221,12 @@ def _recurrent(
     settings = jobs[0].settings
     sizes = [problem.regressors.shape[1], *settings.hidden, 1]
 
-    def tensors(other: Problem) -> list[Tensor]:
+    def tensors(other: Problem) -> tuple[Tensor, Tensor, Tensor]:
         rows, scored = recurrent.windows(other.lengths)
         x, y = problem.scaled(other)
-        return [as_tensor(a, device) for a in (x[rows], y[rows], scored)]
+        return as_tensor(x[rows], device), as_tensor(y[rows], device), as_tensor(scored, device)
 
-    here, there = tensors(problem), tensors(watched) if watched else []
+    here, there = tensors(problem), tensors(watched or problem)
     return (
         np.stack([recurrent.first_weights(sizes, job.seed) for job in jobs]),
         lambda weights, out: recurrent.gradient(weights, sizes, *here, settings.decay, out),
@@ -257,7 +257,7 @@ def train_many(
             yield from train_batch(problem, list(group), device, watched=watched)
         return
     processes = min(len(os.sched_getaffinity(0)), len(jobs))
-    if processes == 1:
+    if processes <= 1:              # also where a search has nothing left to train
         for job in jobs:
             yield train_batch(problem, [job], watched=watched)[0]
         return

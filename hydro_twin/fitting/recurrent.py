@@ -38,7 +38,8 @@ def first_weights(sizes: Sequence[int], seed: int) -> FloatArray:
     """Draw the weights of a fresh GRU from +-1/sqrt(units)."""
     R, H, _ = sizes
     count = 3 * H * (R + H + 1) + H + 1
-    return np.random.default_rng(seed).uniform(-1.0, 1.0, count) / np.sqrt(H)
+    drawn: FloatArray = np.random.default_rng(seed).uniform(-1.0, 1.0, count) / np.sqrt(H)
+    return drawn
 
 
 def squares(
@@ -63,8 +64,8 @@ def squares(
     h = weights.new_zeros(nets, count, H)
     states = []
     for k in range(length):
-        gates, new = driven[:, :, k].split([2 * H, H], dim=2)
-        z, r = torch.baddbmm(gates, h, U).sigmoid().split(H, dim=2)
+        gates, new = torch.split(driven[:, :, k], [2 * H, H], dim=2)
+        z, r = torch.split(torch.baddbmm(gates, h, U).sigmoid(), H, dim=2)
         h = torch.lerp(torch.baddbmm(new, r * h, U_n).tanh(), h, z)
         states.append(h)
     output = torch.stack(states, 2) @ out[:, None, :, None]

@@ -13,7 +13,8 @@ from hydro_twin.fitting.free_run import fit_linear
 from hydro_twin.fitting.identifiability import assess, Identifiability
 from hydro_twin.fitting.network import make_problem, Problem
 from hydro_twin.fitting.one_step import at_bound, sensitivities
-from hydro_twin.fitting.populations import fit_one_step, METHODS as POPULATIONS
+from hydro_twin.fitting.populations import fit_one_step
+from hydro_twin.fitting.populations import METHODS as POPULATIONS
 from hydro_twin.fitting.regression import regression
 from hydro_twin.fitting.start import START
 from hydro_twin.model import Estimate, Model

@@ -1,4 +1,4 @@
-"""Prediction of a trained gated recurrent unit (GRU), compiled: its state goes from step to step."""
+"""Prediction of a trained gated recurrent unit (GRU), compiled; it keeps a state."""
 from __future__ import annotations
 
 import math

@@ -90,7 +90,8 @@ def test_every_pattern_is_scored_once() -> None:
     rows, scored = windows([95, 7, 200, 50])
     assert sorted(rows[scored]) == list(range(352))
     for k, begin in ((0, 0), (95, 95), (102, 102), (302, 302)):     # each stretch starts afresh
-        assert begin in rows[:, 0] and k in rows[scored]
+        assert begin in rows[:, 0]
+        assert k in rows[scored]
 
 
 @pytest.mark.parametrize('mode', ['one_step', 'free_run'])

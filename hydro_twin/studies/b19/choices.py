@@ -12,7 +12,7 @@ import numpy as np
 from hydro_twin.fitting.bees import bees
 from hydro_twin.fitting.coefficients import coefficients_of
 from hydro_twin.fitting.evolution import evolution
-from hydro_twin.fitting.network import Job, Problem, Settings, SETTINGS, train_many
+from hydro_twin.fitting.network import Job, Problem, SETTINGS, Settings, train_many
 from hydro_twin.fitting.network_search import Scores
 from hydro_twin.fitting.one_step import at_bound, least_squares, one_step_error
 from hydro_twin.fitting.parallel import in_processes

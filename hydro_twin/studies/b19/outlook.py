@@ -12,7 +12,7 @@ from hydro_twin.commands.common import read, Rig, rig_of
 from hydro_twin.fitting.coefficients import coefficients_of
 from hydro_twin.fitting.network import Job, SETTINGS, train_many
 from hydro_twin.fitting.populations import fit_one_step
-from hydro_twin.fitting.refit import errors_of, network_problem
+from hydro_twin.fitting.refit import network_problem
 from hydro_twin.model import Model
 from hydro_twin.predictors.analytical import Analytical
 from hydro_twin.predictors.hybrid import NetworkPredictor

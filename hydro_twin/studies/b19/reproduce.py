@@ -1,7 +1,7 @@
 """All results of the page on [B19], one step after the other, each kept in a file of its own."""
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 import json
@@ -12,9 +12,14 @@ from typing import Any
 import numpy as np
 
 from hydro_twin.commands.common import read, Rig, rig_of
-from hydro_twin.fitting.network import Settings, SETTINGS
+from hydro_twin.fitting.coefficients import coefficients_of
+from hydro_twin.fitting.network import SETTINGS, Settings
 from hydro_twin.fitting.network_search import choose, Scores
+from hydro_twin.fitting.populations import fit_one_step
+from hydro_twin.fitting.refit import errors_of, fit_physics
+from hydro_twin.model import Model
 from hydro_twin.plants import plant_named
+from hydro_twin.predictors.analytical import Analytical
 from hydro_twin.recording.series import Recording, split
 from hydro_twin.share import share_folder
 from hydro_twin.studies.b19 import choices, outlook
@@ -31,8 +36,10 @@ from hydro_twin.studies.b19.study import (
 )
 
 RUNS = 20
-OUTLOOK_RUNS = 10           # of each network, which takes up to 7 s
+OUTLOOK_RUNS = 5            # of each network, of which one takes up to ten seconds
 BLOCK_REPEATS = 10
+MILD = ('rig_a', 'rig_b', 'rig_c')
+MILD_RUNS = 3
 DIGITS = 6                  # of what is kept: enough to rank runs
 EPOCHS_DRAWN = np.unique(np.round(np.geomspace(1, 500, 60)).astype(int)) - 1
 
@@ -119,6 +126,42 @@ def swapped(job: Job) -> dict[str, Any]:
                         job.rig.constants, job.runs, device=job.device))
 
 
+def physics(job: Job) -> dict[str, Any]:
+    """Fit the linear model to its free run, and see what PSO takes for K_sv."""
+    plant, constants = job.rig.plant, job.rig.constants
+    fits = {'free_run': fit_physics(job.recordings['train'], plant, constants, 'least_squares',
+                                    'free_run', 0)}
+    fits |= {f'pso {seed}': fit_physics(job.recordings['train'], plant, constants, 'pso',
+                                        'one_step', seed) for seed in range(3)}
+    fits['one_step'] = fit_physics(job.recordings['train'], plant, constants, 'least_squares',
+                                   'one_step', 0)
+    return {name: {
+        'parameters': {key: estimate.value for key, estimate in fit.estimates.items()},
+        'errors': errors_of(Analytical(Model(plant, fit.estimates, constants, plant.sample_time)),
+                            job.recordings['train'], job.recordings['test'])}
+        for name, fit in fits.items()}
+
+
+def mild(job: Job) -> dict[str, Any]:
+    """Compare least squares and the MLP, one step, on the rigs that lack less."""
+    found = {}
+    for name in MILD:
+        train, test = split(read([share_folder() / 'bags' / name], job.rig))
+        recordings = {'train': train, 'test': test}
+        factors = {part: make_part(part, recording, job.rig.plant).factor
+                   for part, recording in recordings.items()}
+        coefficients = coefficients_of(job.rig.plant, job.rig.constants,
+                                       job.rig.plant.sample_time)
+        best = fit_one_step('least_squares', factors['train'], coefficients, job.rig.plant, 0).best
+        mlp = network_models(train, job.rig.plant, job.rig.constants, 0)['mlp']
+        found[name] = {
+            'least_squares': float(factors['test'].rms(coefficients(best[None])[0])),
+            'mlp': choices.one_step_errors(
+                choices.problems_of(mlp, recordings), SETTINGS['mlp'],
+                range(min(job.runs, MILD_RUNS)), job.device)['test']}
+    return found
+
+
 def alignment(job: Job) -> dict[str, Any]:
     """Repeat the study with inputs one sample late."""
     return choices.aligned(job.recordings, job.rig.plant, job.rig.constants, job.seeds, job.device)
@@ -172,9 +215,10 @@ def measured(job: Job) -> dict[str, Any] | None:
 
 
 STEPS: dict[str, Callable[[Job], Any]] = {
-    'box': box, 'optimisers': optimisers, 'published': published, 'swapped': swapped,
-    'networks': networks, 'alignment': alignment, 'validation': validation,
-    'frequencies': frequencies, 'measured': measured, 'settings': settings, 'chosen': chosen}
+    'box': box, 'optimisers': optimisers, 'physics': physics, 'mild': mild,
+    'published': published, 'swapped': swapped, 'networks': networks, 'alignment': alignment,
+    'settings': settings, 'chosen': chosen, 'validation': validation,
+    'frequencies': frequencies, 'measured': measured}
 
 
 def run_step(name: str, job: Job) -> Any:
@@ -210,7 +254,7 @@ def _study(found: Study) -> dict[str, Any]:
             'unconstrained': found.unconstrained}
 
 
-def _runs(runs: list[Run]) -> dict[str, Any]:
+def _runs(runs: Sequence[Run]) -> dict[str, Any]:
     laid_out: dict[str, Any] = {
         part: {mode: [run.errors[part, mode] for run in runs] for mode in MODES}
         for part in PARTS}

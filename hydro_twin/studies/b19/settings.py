@@ -5,7 +5,7 @@ from collections.abc import Callable, Mapping
 from pathlib import Path
 
 from hydro_twin.fitting.coefficients import coefficients_of
-from hydro_twin.fitting.network import Settings, SETTINGS
+from hydro_twin.fitting.network import SETTINGS, Settings
 from hydro_twin.fitting.network_search import Round, search
 from hydro_twin.fitting.populations import fit_one_step
 from hydro_twin.fitting.refit import network_problem

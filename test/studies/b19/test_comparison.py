@@ -11,8 +11,8 @@ import numpy as np
 import pytest
 
 from hydro_twin.errors import UserError
-from hydro_twin.studies.b19.study import MODES, PARTS, Run, Study, TITLES
 from hydro_twin.studies.b19.comparison import page, summary, table, write_comparison
+from hydro_twin.studies.b19.study import MODES, PARTS, Run, Study, TITLES
 
 RUNS = 6
 
@@ -21,8 +21,9 @@ RUNS = 6
 def result() -> dict[str, object]:
     rng = np.random.default_rng(0)
     runs = {method: [Run({(part, mode): float(rng.uniform(1, 2)) + i for part in PARTS
-                          for mode in MODES}, np.linspace(9, 1, 30) + rng.uniform())
-                     for _ in range(RUNS)] for i, method in enumerate(TITLES)}
+                          for mode in MODES}, np.linspace(9, 1, 30) + rng.uniform(),
+                         np.linspace(8, 2, 30) + k if method in ('mlp', 'hybrid') else None)
+                     for k in range(RUNS)] for i, method in enumerate(TITLES)}
     runs['mlp'][2].errors['test', 'free_run'] = np.inf      # type: ignore[index]
     both = dict.fromkeys(PARTS, 8.0)
     study = Study(runs, {'train': 995, 'test': 495}, both, both)
