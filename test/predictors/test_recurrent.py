@@ -132,6 +132,24 @@ def test_survives_its_file(tmp_path: Path) -> None:
                                   NetworkPredictor(MODEL, make()).one_step(series()))
 
 
+@pytest.mark.parametrize('mode', ['one_step', 'free_run'])
+def test_the_live_twin_compiles_it_before_it_runs_it(
+    mode: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    from hydro_twin.live.models import choices, load_twin
+    from hydro_twin.predictors import recurrent
+    save_network(make(), tmp_path / 'net.safetensors')
+    write_model(MODEL, tmp_path / 'model.yaml')
+    steps, advance = [], recurrent.advance
+    monkeypatch.setattr(recurrent, 'advance', lambda *a: steps.append(0) or advance(*a))
+    twin = load_twin(choices(str(tmp_path / 'model.yaml'), [])[0], mode)
+    assert steps
+    data = series()
+    live = [twin.step(k, np.array([u, theta]), y) for k, (u, theta, y) in enumerate(zip(
+        data['u_m'], data['theta_d'], data['T_g'], strict=True))]
+    np.testing.assert_array_equal(live, getattr(NetworkPredictor(MODEL, make()), mode)(data))
+
+
 def test_refuses_what_does_not_belong_together() -> None:
     with pytest.raises(ModelError, match='do not make layers'):
         replace(make(), weights=np.zeros(3))

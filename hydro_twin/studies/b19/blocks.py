@@ -76,8 +76,9 @@ def _array(errors: Iterable[float | None]) -> np.ndarray:
 
 def table(head: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
     """Lay out a Markdown table."""
-    lines = [head, ['---'] * len(head), *rows]
-    return '\n'.join(f'| {" | ".join(line)} |' for line in lines).replace('|  |', '| |')
+    lines = [[f' {cell} ' if cell else ' ' for cell in line] for line in (head, *rows)]
+    lines.insert(1, ['---'] * len(head))
+    return '\n'.join(f'|{"|".join(line)}|' for line in lines)
 
 
 def number(value: float, digits: int = 4) -> str:
@@ -87,7 +88,12 @@ def number(value: float, digits: int = 4) -> str:
 
 def p_value(value: float) -> str:
     """Write a p-value."""
-    return f'{value:.2f}' if value >= 0.01 else f'{value:.0e}'.replace('e-0', 'e-')
+    return f'{value:.2f}' if value >= 0.01 else small(value, 0)
+
+
+def small(value: float, decimals: int) -> str:
+    """Write a small number with an exponent."""
+    return f'{value:.{decimals}e}'.replace('e-0', 'e-').replace('0e+00', '0')
 
 
 def compared(results: Results, first: str, second: str, part: str = 'test',
@@ -154,7 +160,7 @@ def _candidates(rows: Iterable[Mapping[str, Any]], best: Mapping[str, Any],
     for row in rows:
         errors = np.array(row['validation'])
         p = mann_whitney(errors, np.array(best['validation']))
-        label = f'{row["decay"]:g}' if name == 'decay' else ', '.join(map(str, row['hidden']))
+        label = small(row['decay'], 0) if name == 'decay' else ', '.join(map(str, row['hidden']))
         yield [label, number(_mean_of(row)), number(float(errors.std(ddof=1)), 2),
                'best' if row is best else p_value(p)]
 
@@ -178,13 +184,13 @@ def structures(results: Results, kind: str) -> str:
 def _described(settings: Mapping[str, Any]) -> str:
     hidden = settings['hidden']
     layers = f'{len(hidden)} layer{"s" if len(hidden) > 1 else ""} of {hidden[0]}'
-    return f'{layers}, decay {settings["decay"]:g}'
+    return f'{layers}, decay {small(settings["decay"], 0)}'
 
 
 def chosen(results: Results) -> str:
     """Set what was chosen beside what the paper chose, with the final errors."""
     rows = []
-    for kind, published in (('mlp', '2 layers of 77, decay 0.0005'),
+    for kind, published in (('mlp', '2 layers of 77, decay 5e-4'),
                             ('hybrid', '1 layer of 80, decay 0')):
         for step, settings in (('published', published),
                                ('chosen', _described(results['settings'][kind][-1]['chosen']))):
@@ -216,7 +222,7 @@ def box(results: Results) -> str:
     rows = [[f'box x {factor}' if factor != '1' else 'the box of Table 1',
              number(one['train']), number(one['test']), ', '.join(one['at_bound'])]
             for factor, one in found['boxes'].items()]
-    rows += [[f'the box, D_m = {float(D_m):g}', number(one['train']), number(one['test']),
+    rows += [[f'the box, D_m = {small(float(D_m), 0)}', number(one['train']), number(one['test']),
               ', '.join(one['at_bound'])]
              for D_m, one in found['displacements'].items() if D_m != '2e-05']
     rows.append(['14 free', *(number(study['unconstrained'][part]) for part in PARTS), ''])
@@ -277,11 +283,11 @@ def share_of_range(results: Results) -> str:
     best = min(found[m] for m in OPTIMISERS)
     networks = [median(results['chosen'][kind]['test']['one_step']) for kind in ('mlp', 'hybrid')]
     rows = [['published', share(min(PUBLISHED['test, median'][:4])),
-             share(PUBLISHED['test, median'][4]), share(PUBLISHED['test, median'][5])],
+             share(PUBLISHED['test, median'][4]), share(PUBLISHED['test, median'][5]), ''],
             ['here, settings of the paper', share(best), share(found['mlp']),
-             share(found['hybrid'])],
-            ['here, settings chosen on validation data', share(best), *map(share, networks)]]
-    return table(['test, median over 300 N m', 'linear, best', 'MLP', 'hybrid'], rows)
+             share(found['hybrid']), share(results['published']['persistence']['test'])],
+            ['here, settings chosen on validation data', share(best), *map(share, networks), '']]
+    return table(['test, median over 300 N m', 'linear, best', 'MLP', 'hybrid', 'last'], rows)
 
 
 def swapped(results: Results) -> str:
@@ -347,15 +353,15 @@ def gain(results: Results) -> str:
     """Give K_q K_sv as fitted by one step and by the free run."""
     fitted = {name: found['parameters'] for name, found in results['physics'].items()}
     product = {name: p['K_q'] * p['K_sv'] for name, p in fitted.items()}
-    return (f'The one-step fit puts the gain K_q K_sv at {product["one_step"]:.1e}, the lowest '
-            'corner of the box; the rig was simulated with 5.5e-5. The free-run fit finds '
-            f'{product["free_run"]:.1e}.')
+    return (f'The one-step fit puts the gain K_q K_sv at {small(product["one_step"], 1)}, the '
+            'lowest corner of the box; the rig was simulated with 5.5e-5. The free-run fit finds '
+            f'{small(product["free_run"], 1)}.')
 
 
 def nine(results: Results) -> str:
     """Say where PSO with three seeds puts K_sv, and how good that is."""
     fits = [results['physics'][f'pso {seed}'] for seed in range(3)]
-    values = [f'{found["parameters"]["K_sv"]:.2e}' for found in fits]
+    values = [small(found['parameters']['K_sv'], 2) for found in fits]
     errors = [f'{found["errors"]["one_step"]["train"]:.4f}' for found in fits]
     return (f'`refit --method pso` with seeds 0, 1 and 2 puts K_sv at {", ".join(values)} m/V, '
             f'with one-step errors in training of {", ".join(errors)}.')
@@ -420,14 +426,14 @@ NAMES = {'persistence': 'last sample', 'unconstrained': '14 free', 'least_square
          'mlp': 'MLP', 'hybrid': 'hybrid', 'gru': 'GRU'}
 
 
-def _median_or_none(errors: Mapping[str, Any], mode: str) -> str:
+def _cell(errors: Mapping[str, Any], mode: str) -> str:
     return number(median(errors[mode])) if mode in errors else ''
 
 
 def frequencies(results: Results) -> str:
     """Lay out the errors at higher frequencies of u_m."""
     found = results['frequencies']
-    rows = [[NAMES[method], *(_median_or_none(found[trained][method][tested], mode)
+    rows = [[NAMES[method], *(_cell(found[trained][method][tested], mode)
                               for mode in ('one_step', 'free_run')
                               for trained in ('paper', 'all') for tested in ('paper', 'higher'))]
             for method in found['paper']]
@@ -438,7 +444,8 @@ def frequencies(results: Results) -> str:
 def measured(results: Results) -> str:
     """Lay out the errors on the measured leg."""
     found = results['measured']
-    return table(['median in test [N]', 'one step', 'free run'],
-                 [[NAMES[method], *(_median_or_none(errors['test'], mode)
-                                    for mode in ('one_step', 'free_run'))]
+    return table(['trained on the 1 Hz record', '1 Hz', 'sweep', 'free run: 1 Hz', 'sweep'],
+                 [[NAMES[method], *(_cell(errors[tested], mode)
+                                    for mode in ('one_step', 'free_run')
+                                    for tested in ('1 Hz', 'sweep'))]
                   for method, errors in found.items()])

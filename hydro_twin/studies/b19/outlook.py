@@ -3,9 +3,11 @@ from __future__ import annotations
 
 import argparse
 from collections.abc import Mapping, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
+
+import numpy as np
 
 from hydro_twin.commands import import_, simulate
 from hydro_twin.commands.common import read, Rig, rig_of
@@ -13,10 +15,13 @@ from hydro_twin.fitting.coefficients import coefficients_of
 from hydro_twin.fitting.network import Job, SETTINGS, train_many
 from hydro_twin.fitting.populations import fit_one_step
 from hydro_twin.fitting.refit import network_problem
+from hydro_twin.fitting.regression import regressors
 from hydro_twin.model import Model
+from hydro_twin.plants import Plant
+from hydro_twin.plants.plant import FloatArray
 from hydro_twin.predictors.analytical import Analytical
 from hydro_twin.predictors.hybrid import NetworkPredictor
-from hydro_twin.recording.series import Recording
+from hydro_twin.recording.series import Recording, Series
 from hydro_twin.share import share_folder
 from hydro_twin.studies.b19.study import make_part, model_of, scores
 
@@ -41,21 +46,18 @@ def at_higher_frequencies(folder: Path, rig: Rig) -> Recording:
     return read([folder], rig)
 
 
-def leg(data: Path, folder: Path, plant: str) -> tuple[Recording, Rig]:
-    """Import the measured recordings of the leg, and say on which rig they are."""
+def leg(data: Path, folder: Path, plant: str) -> tuple[list[Recording], Rig]:
+    """Import the measured recordings LEG, and say on which rig they are."""
     from hydro_twin.plants import plant_named
 
     config = share_folder() / 'config' / 'measured'
     rig = rig_of(plant_named(plant), config / 'leg_rig.yaml')
     rig = replace(rig, plant=replace(rig.plant, sample_time=rig.sample_time))
-    bags = []
     for name in LEG:
-        bags.append(folder / name)
-        if bags[-1].exists():
-            continue
-        import_.run(_parsed(import_, [str(data / f'{name}.csv.gz'), '-o', str(bags[-1]),
-                                      '--map', str(config / 'leg.yaml')]))
-    return read(bags, rig), rig
+        if not (folder / name).exists():
+            import_.run(_parsed(import_, [str(data / f'{name}.csv.gz'), '-o', str(folder / name),
+                                          '--map', str(config / 'leg.yaml')]))
+    return [read([folder / name], rig) for name in LEG], rig
 
 
 def _parsed(verb: Any, arguments: Sequence[str]) -> argparse.Namespace:
@@ -64,31 +66,68 @@ def _parsed(verb: Any, arguments: Sequence[str]) -> argparse.Namespace:
     return parser.parse_args(arguments)
 
 
+@dataclass(frozen=True)
+class Arx:
+    """The 14 coefficients of eq. 1 without physics, as a predictor."""
+
+    model: Model
+    coefficients: FloatArray
+
+    @property
+    def plant(self) -> Plant:
+        """The plant whose order and signals it has."""
+        return self.model.plant
+
+    def one_step(self, series: Series) -> FloatArray:
+        """Predict each sample from those before; nan for the first order + 1."""
+        rows = self._rows(series)
+        return np.concatenate([np.full(self.plant.order + 1, np.nan), rows @ self.coefficients])
+
+    def free_run(self, series: Series) -> FloatArray:
+        """Feed the output back, from rest at the first measured one."""
+        order, y = self.plant.order, series[self.plant.output.name].copy()
+        driven = self._rows(series)[:, order:] @ self.coefficients[order:]
+        y[:order + 1] = y[0]
+        for k, drive in enumerate(driven, order + 1):
+            y[k] = drive + self.coefficients[:order] @ y[k - order:k][::-1]
+        return y
+
+    def _rows(self, series: Series) -> FloatArray:
+        inputs = [signal.name for signal in self.plant.inputs]
+        return np.concatenate(list(regressors(series, self.plant.output.name, inputs,
+                                              self.plant.order)))[:, :-1]
+
+
 def predictors(
     train: Recording, tests: Mapping[str, Recording], rig: Rig, seeds: Sequence[int], device: str,
+    kinds: Sequence[str] = ('least_squares', 'mlp', 'hybrid', 'gru'),
 ) -> dict[str, Errors]:
-    """Train least squares, MLP, hybrid and GRU, and score them on several recordings.
+    """Train predictors, and score them on several recordings.
 
     Returns:
-        Errors by method, recording and mode; 'persistence' and 'unconstrained' by one step only.
+        Errors by method, recording and mode: of repeating the last sample, of 14 coefficients
+        without physics, and of the kinds.
     """
     plant, constants = rig.plant, rig.constants
     parts = {name: make_part(name, recording, plant) for name, recording in tests.items()}
     factor = make_part('training', train, plant).factor
-    free = factor.best()
+    empty = Model(plant, {}, constants, plant.sample_time, 'mlp')
     found: dict[str, Errors] = {
         'persistence': {name: {'one_step': [part.factor.persistence()]}
                         for name, part in parts.items()},
-        'unconstrained': {name: {'one_step': [float(part.factor.rms(free))]}
-                          for name, part in parts.items()}}
-    best = fit_one_step('least_squares', factor,
-                        coefficients_of(plant, constants, plant.sample_time), plant,
-                        seeds[0]).best
-    base = model_of('analytical', best, plant, constants)
-    found['least_squares'] = _scored([Analytical(base)], train, tests)
-    for kind in ('mlp', 'hybrid', 'gru'):
-        model = (model_of('hybrid', best, plant, constants) if kind == 'hybrid'
-                 else Model(plant, {}, constants, plant.sample_time, kind))
+        'unconstrained': _scored([Arx(empty, factor.best())], train, tests)}
+    models = {'mlp': empty, 'gru': replace(empty, kind='gru')}
+    if 'least_squares' in kinds:
+        best = fit_one_step('least_squares', factor,
+                            coefficients_of(plant, constants, plant.sample_time), plant,
+                            seeds[0]).best
+        base = model_of('analytical', best, plant, constants)
+        models['hybrid'] = replace(base, kind='hybrid')
+        found['least_squares'] = _scored([Analytical(base)], train, tests)
+    for kind in kinds:
+        if kind == 'least_squares':
+            continue
+        model = models[kind]
         jobs = [Job(SETTINGS[kind], seed) for seed in seeds]
         made = [NetworkPredictor(model, trained.network)
                 for trained in train_many(network_problem(train, model), jobs, device)]
@@ -97,7 +136,7 @@ def predictors(
 
 
 def _scored(
-    made: Sequence[Analytical | NetworkPredictor], train: Recording,
+    made: Sequence[Analytical | NetworkPredictor | Arx], train: Recording,
     tests: Mapping[str, Recording],
 ) -> Errors:
     return {name: {mode: [scores(predictor, {'train': train, 'test': test})['test', mode]

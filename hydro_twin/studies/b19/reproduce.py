@@ -209,9 +209,11 @@ def measured(job: Job) -> dict[str, Any] | None:
     """Compare the predictors on the measured leg, where its recordings are there."""
     if job.leg is None:
         return None
-    recording, rig = outlook.leg(job.leg, job.work, 'load_simulator')
+    job.work.mkdir(parents=True, exist_ok=True)
+    (recording, sweep), rig = outlook.leg(job.leg, job.work, 'load_simulator')
     train, test = split(recording)
-    return outlook.predictors(train, {'test': test}, rig, job.outlook_seeds, job.device)
+    return outlook.predictors(train, {'1 Hz': test, 'sweep': sweep}, rig, job.outlook_seeds,
+                              job.device, kinds=('mlp', 'gru'))
 
 
 STEPS: dict[str, Callable[[Job], Any]] = {
