@@ -60,6 +60,8 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
         'bags': [str(bag) for bag in (*args.bags, *args.test)],
         'runs': args.runs,
         'seed': args.seed,
+        'settings': {name: {kind: {'hidden': list(found[kind].hidden), 'decay': found[kind].decay}
+                            for kind in ('mlp', 'hybrid')} for name, found in chosen.items()},
         'experiments': summary(studies),
     }
     files = write_comparison(result, args.output)

@@ -28,6 +28,9 @@ def result() -> dict[str, object]:
     both = dict.fromkeys(PARTS, 8.0)
     study = Study(runs, {'train': 995, 'test': 495}, both, both)
     return {'plant': 'load_simulator', 'unit': 'N m', 'bags': ['one & <two>'], 'runs': RUNS,
+            'settings': {name: {'mlp': {'hidden': [7, 5], 'decay': 5e-6},
+                                'hybrid': {'hidden': [9], 'decay': 0.0}}
+                         for name in ('direct', 'swapped')},
             'experiments': summary({'direct': study, 'swapped': study})}
 
 
@@ -58,6 +61,7 @@ def test_the_page_stands_alone(result: dict[str, object]) -> None:
     for title in TITLES.values():
         assert f'<td>{title}</td>' in text
     assert f'MLP 1 of {RUNS}' in text
+    assert 'MLP: 7, 5, weight decay 5e-06' in text
     assert text.count('<svg') == 4
     for piece in text.split('<svg')[1:]:
         ET.fromstring('<svg' + piece[:piece.index('</svg>')] + '</svg>')
