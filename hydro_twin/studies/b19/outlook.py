@@ -5,7 +5,7 @@ import argparse
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
+from typing import Any, cast, TYPE_CHECKING
 
 import numpy as np
 
@@ -23,7 +23,10 @@ from hydro_twin.predictors.analytical import Analytical
 from hydro_twin.predictors.hybrid import NetworkPredictor
 from hydro_twin.recording.series import Recording, Series
 from hydro_twin.share import share_folder
-from hydro_twin.studies.b19.study import make_part, model_of, scores
+from hydro_twin.studies.b19.study import make_part, model_of, MODES, scores
+
+if TYPE_CHECKING:
+    from hydro_twin.predictors.predictor import Predictor
 
 FREQUENCIES = (15, 25, 40)          # of u_m [Hz]: above those of the paper
 # The rig of bags/load_simulator_nonlinear, as in bags/make.sh.
@@ -139,6 +142,9 @@ def _scored(
     made: Sequence[Analytical | NetworkPredictor | Arx], train: Recording,
     tests: Mapping[str, Recording],
 ) -> Errors:
-    return {name: {mode: [scores(predictor, {'train': train, 'test': test})['test', mode]
-                          for predictor in made] for mode in ('one_step', 'free_run')}
-            for name, test in tests.items()}
+    found: Errors = {}
+    for name, test in tests.items():
+        parts = {'train': train, 'test': test}
+        each = [scores(cast('Predictor', predictor), parts) for predictor in made]  # offline
+        found[name] = {mode: [errors['test', mode] for errors in each] for mode in MODES}
+    return found
