@@ -29,7 +29,7 @@ setup(
     python_requires='==3.12.*',
     packages=find_packages(include=[NAME, f'{NAME}.*']),
     package_data={NAME: ['py.typed', 'report/*.html', 'report/*.jinja', 'report/*.css',
-                         'report/*.js']},
+                         'report/*.js', 'studies/*/*.html']},
     data_files=[
         ('share/ament_index/resource_index/packages', [f'resource/{NAME}']),
         (f'share/{NAME}', ['package.xml']),

@@ -20,7 +20,8 @@ FORMAT = 1
 NOT_IDENTIFIABLE = 'not identifiable'
 NOT_EXPLAINED = 'not explained'
 NOT_REACHED = 'not reached'
-KINDS = ('analytical', 'mlp', 'hybrid')
+KINDS = ('analytical', 'mlp', 'gru', 'hybrid')
+WITHOUT_PHYSICS = ('mlp', 'gru')
 MOST_SUBSTEPS = 1024            # in a sample: 2 us at 500 Hz, which no effect needs
 
 
@@ -53,7 +54,7 @@ class Model:
     """A plant with values, effects, and perhaps a network beside.
 
     Attributes:
-        kind: 'analytical', 'mlp' or 'hybrid'.
+        kind: one of KINDS.
         timing: how late each input acts [s], by name: what the stamps cannot tell (see docs).
         substeps: integration steps in a sample, chosen by error when the model was fitted.
         network: name of the weights file beside the model file.
@@ -276,7 +277,7 @@ def _from_document(raw: Mapping[str, Any]) -> Model:
     kind = raw.get('predictor', 'analytical')
     if kind not in KINDS:
         raise ModelError(f'predictor {kind!r}; there are {", ".join(KINDS)}')
-    if estimates or kind != 'mlp':
+    if estimates or kind not in WITHOUT_PHYSICS:
         plant.check({name: p.value for name, p in estimates.items()})
     effects = tuple(
         FittedEffect(

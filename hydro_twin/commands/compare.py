@@ -20,15 +20,20 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument('--runs', type=int, default=20, help='of each method (default: 20)')
     parser.add_argument('--device', default='cpu',
                         help='where networks are trained: cpu or cuda (default: cpu)')
+    parser.add_argument('--search', action='store_true',
+                        help='choose weight decay and structure of the networks first, on a third '
+                        'of the training patterns, instead of those of [B19]; kept in '
+                        'DIR/*.search.jsonl, and goes on from there if interrupted')
     common.add_seed_argument(parser)
 
 
 def run(args: argparse.Namespace) -> dict[str, Any]:
     """Run the study as recorded, then with training and test data swapped."""
     from hydro_twin.errors import UserError
-    from hydro_twin.fitting.network import check_device
-    from hydro_twin.fitting.study import study, TITLES
-    from hydro_twin.report.comparison import summary, write_comparison
+    from hydro_twin.fitting.network import check_device, SETTINGS
+    from hydro_twin.studies.b19.comparison import summary, write_comparison
+    from hydro_twin.studies.b19.settings import chosen_settings
+    from hydro_twin.studies.b19.study import study, TITLES
 
     if args.runs < 1:
         raise UserError(f'--runs {args.runs}: at least one run is needed')
@@ -38,9 +43,17 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
     train, test = common.train_and_test(args, rig)
     check_device(args.device)
     pairs = {'direct': (train, test), 'swapped': (test, train)}
+    chosen = dict.fromkeys(pairs, SETTINGS)
+    if args.search:
+        args.output.mkdir(parents=True, exist_ok=True)
+        with common.progress('searching the settings') as tick:
+            chosen = {name: chosen_settings(
+                pair[0], rig.plant, rig.constants, args.output / f'{name}.{{}}.search.jsonl',
+                args.seed, args.device, tick) for name, pair in pairs.items()}
     with common.progress('comparing', len(pairs) * len(TITLES) * args.runs) as run_done:
-        studies = {name: study(*pair, rig.plant, rig.constants, args.runs, args.seed,
-                               args.device, run_done) for name, pair in pairs.items()}
+        studies = {
+            name: study(*pair, rig.plant, rig.constants, args.runs, args.seed, args.device,
+                        run_done, chosen[name]) for name, pair in pairs.items()}
     result = {
         'plant': rig.plant.name,
         'unit': rig.plant.output.unit,
@@ -48,6 +61,8 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
         'bags': [str(bag) for bag in (*args.bags, *args.test)],
         'runs': args.runs,
         'seed': args.seed,
+        'settings': {name: {kind: {'hidden': list(found[kind].hidden), 'decay': found[kind].decay}
+                            for kind in ('mlp', 'hybrid')} for name, found in chosen.items()},
         'experiments': summary(studies),
     }
     files = write_comparison(result, args.output)

@@ -20,6 +20,7 @@ if TYPE_CHECKING:
     from rich.console import Console
 
     from hydro_twin.fitting.identifiability import Identifiability
+    from hydro_twin.fitting.network import Settings
     from hydro_twin.model import Model
     from hydro_twin.predictors.network import Network
     from hydro_twin.predictors.scores import Errors
@@ -32,7 +33,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add_rig_arguments(parser)
     parser.add_argument('-o', '--output', required=True, type=Path, metavar='MODEL',
                         help='the model file to write; network weights go beside it')
-    parser.add_argument('--predictor', choices=('analytical', 'mlp', 'hybrid'),
+    parser.add_argument('--predictor', choices=('analytical', 'mlp', 'gru', 'hybrid'),
                         default='analytical', help='what to fit (default: %(default)s)')
     parser.add_argument('--method', default='least_squares',
                         choices=('least_squares', 'random', 'ea', 'pso', 'bees', 'network'),
@@ -46,11 +47,17 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
                         'effects, instead of a fresh fit')
     networks = parser.add_argument_group('networks', 'the defaults are those of [B19]')
     networks.add_argument('--hidden', type=widths, metavar='WIDTHS',
-                          help='of the hidden layers (default: 77,77; of a hybrid 80)')
+                          help='of the hidden layers (default: 77,77; of a hybrid 80; of a GRU, '
+                          'which has one layer, 42)')
+    networks.add_argument('--decay', type=decay,
+                          help='weight decay, against the sum of squared scaled errors '
+                          '(default: 5e-4; of a hybrid and a GRU 0)')
     networks.add_argument('--epochs', type=int, default=500, help='default: %(default)s')
     networks.add_argument('--search', action='store_true',
-                          help='search the structure, 1 or 2 layers of 1 to 100 units; it is kept '
-                          'in MODEL.search.jsonl, and goes on from there if interrupted')
+                          help='search the weight decay and the structure, 1 or 2 layers of 1 to '
+                          '100 units, on a third of the training patterns; what --hidden or '
+                          '--decay gives stays. It is kept in MODEL.search.jsonl, and goes on '
+                          'from there if interrupted')
     networks.add_argument('--device', default='cpu', help='cpu or cuda (default: %(default)s)')
     add_seed_argument(parser)
 
@@ -66,6 +73,21 @@ def widths(text: str) -> tuple[int, ...]:
     return tuple(int(width) for width in text.split(','))
 
 
+def decay(text: str) -> float:
+    """Read a weight decay.
+
+    Raises:
+        argparse.ArgumentTypeError: it is no finite number, or below zero.
+    """
+    try:
+        value = float(text)
+    except ValueError:
+        value = -1.0
+    if not 0.0 <= value < float('inf'):
+        raise argparse.ArgumentTypeError(f'{text!r} should be a number, 0 or above')
+    return value
+
+
 def run(args: argparse.Namespace) -> dict[str, Any]:
     """Fit a model and write it.
 
@@ -76,7 +98,7 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
     from hydro_twin.commands.provenance import provenance
     from hydro_twin.fitting.network import check_device
     from hydro_twin.fitting.refit import bounds_of, fit_physics
-    from hydro_twin.model import Model, read_model, write_model
+    from hydro_twin.model import Model, read_model, WITHOUT_PHYSICS, write_model
     from hydro_twin.predictors.analytical import Analytical
     from hydro_twin.predictors.scores import errors_of
 
@@ -86,10 +108,16 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
         raise UserError(f'--epochs {args.epochs}: at least one is needed')
     if args.predictor != 'analytical':
         check_device(args.device)
-    if args.predictor == 'analytical' and (args.hidden or args.search):
-        raise UserError('--hidden and --search are for networks: --predictor mlp or hybrid')
-    if args.predictor == 'mlp' and (args.criterion or args.method != 'least_squares'):
-        raise UserError('--method and --criterion are for physical parameters; an MLP has none')
+    if args.predictor == 'analytical' and (
+            args.hidden or args.search or args.decay is not None):
+        raise UserError('--hidden, --decay and --search are for networks: --predictor mlp, gru '
+                        'or hybrid')
+    if args.predictor == 'gru' and (args.search or len(args.hidden or (1,)) > 1):
+        raise UserError('a GRU has one hidden layer, and --search is for mlp and hybrid')
+    if args.predictor in WITHOUT_PHYSICS and (
+            args.criterion or args.method != 'least_squares'):
+        raise UserError('--method and --criterion are for physical parameters; '
+                        f'an {args.predictor.upper()} has none'.replace('an G', 'a G'))
     if args.model and args.predictor != 'hybrid':
         raise UserError('--model is what a hybrid stands on: it needs --predictor hybrid')
     base = read_model(args.model) if args.model else None
@@ -105,10 +133,10 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
         plant, {}, rig.constants, train.sample_time, args.predictor,
         provenance=provenance(train.sources, test.sources if args.test else (), args.seed))
     known: Identifiability | None = None
-    hidden: tuple[int, ...] = ()
+    settings: Settings | None = None
     if base is not None:
         model = _on(base, model)
-    elif args.predictor != 'mlp':
+    elif args.predictor not in WITHOUT_PHYSICS:
         with progress('fitting the physics'):
             physics = fit_physics(train, plant, rig.constants, args.method, criterion, args.seed)
         known = physics.known
@@ -120,8 +148,7 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
         from hydro_twin.predictors.hybrid import NetworkPredictor
         from hydro_twin.predictors.network import save_network
 
-        network = _network(args, train, model)
-        hidden = network.hidden
+        network, settings = _network(args, train, model)
         weights = args.output.with_suffix('.safetensors')
         model = replace(model, network=weights.name)
         errors = errors_of(NetworkPredictor(model, network), parts)
@@ -136,7 +163,8 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
         'parameters': {name: {'value': e.value, 'unit': units[name], 'std_error': e.std_error,
                               'identifiable': e.identifiable, 'at_bound': e.at_bound or None}
                        for name, e in model.parameters.items()},
-        'hidden': list(hidden),
+        'hidden': list(settings.hidden) if settings else [],
+        'decay': settings.decay if settings else None,
         'at_bound': [name for name, e in model.parameters.items() if e.at_bound],
         'notes': list(model.notes),
         'combinations': dict(known.combinations) if known else {},
@@ -152,30 +180,39 @@ def _on(base: Model, model: Model) -> Model:
     Raises:
         UserError: that model has no analytical part.
     """
-    if base.kind == 'mlp':
-        raise UserError('--model is an MLP, without the physics that a hybrid stands on')
+    from hydro_twin.model import WITHOUT_PHYSICS
+
+    if base.kind in WITHOUT_PHYSICS:
+        raise UserError(f'--model is of kind {base.kind}, without the physics that a hybrid '
+                        'stands on')
     physics = replace(base, kind='analytical').at(model.sample_time)
     return replace(physics, kind=model.kind, provenance=model.provenance)
 
 
-def _network(args: argparse.Namespace, train: Recording, model: Model) -> Network:
-    """Train the network of a model, of the structure asked for or found."""
-    from hydro_twin.fitting.network import HYBRID, Job, Settings, train_batch
+def _network(
+    args: argparse.Namespace, train: Recording, model: Model,
+) -> tuple[Network, Settings]:
+    """Train the network of a model, of the settings asked for or found."""
+    from hydro_twin.fitting.network import Job, SETTINGS, train_batch
+    from hydro_twin.fitting.network_search import DECAYS, search, STRUCTURES
     from hydro_twin.fitting.refit import network_problem
-    from hydro_twin.fitting.structure_search import choose, REPEATS, structure_search, STRUCTURES
 
     problem = network_problem(train, model)
-    settings = replace(HYBRID if model.kind == 'hybrid' else Settings(), epochs=args.epochs)
+    settings = replace(SETTINGS[model.kind], epochs=args.epochs)
     if args.hidden:
         settings = replace(settings, hidden=args.hidden)
+    if args.decay is not None:
+        settings = replace(settings, decay=args.decay)
     if args.search:
-        log = args.output.with_suffix('.search.jsonl')
-        with progress('searching the structure', len(STRUCTURES) * REPEATS) as tick:
-            scores = structure_search(problem, settings, log, args.seed, args.device,
-                                      trial_done=tick)
-        settings = replace(settings, hidden=choose(scores, problem.regressors.shape[1]))
+        with progress('searching the settings') as tick:
+            rounds = search(problem, settings, args.output.with_suffix('.search.jsonl'),
+                            args.seed, args.device,
+                            (settings.decay,) if args.decay is not None else DECAYS,
+                            (settings.hidden,) if args.hidden else STRUCTURES, trial_done=tick)
+        settings = rounds[-1].chosen
     with progress('training the network', args.epochs) as tick:
-        return train_batch(problem, [Job(settings, args.seed)], args.device, tick)[0].network
+        trained = train_batch(problem, [Job(settings, args.seed)], args.device, tick)[0]
+    return trained.network, settings
 
 
 def _part(errors: Errors, name: str) -> dict[str, float]:
@@ -205,7 +242,8 @@ def show(result: dict[str, Any], console: Console) -> None:
     for note in result['notes']:
         console.print(f'Note: {note}.', highlight=False)
     if result['hidden']:
-        console.print(f'hidden layers: {", ".join(map(str, result["hidden"]))}', highlight=False)
+        console.print(f'hidden layers: {", ".join(map(str, result["hidden"]))}; weight decay '
+                      f'{result["decay"]:g}', highlight=False)
     table = Table(f'RMS error, {result["unit"]}', 'train', 'test')
     for mode in ('one_step', 'free_run'):
         table.add_row(mode.replace('_', ' '),

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 from functools import partial
 from importlib.util import find_spec
 from itertools import groupby, pairwise
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -14,7 +15,15 @@ from hydro_twin.fitting.parallel import in_processes
 from hydro_twin.fitting.regression import regression, regressors
 from hydro_twin.plants import Plant
 from hydro_twin.predictors.network import FloatArray, IntArray, Network
+from hydro_twin.predictors.recurrent import Recurrent
 from hydro_twin.recording.series import Series
+
+if TYPE_CHECKING:
+    from torch import Tensor
+
+    from hydro_twin.fitting.rprop import Slope
+
+    Watch = Callable[[Tensor], Tensor]
 
 DIVERGED = 10.0         # a free run that exceeds the largest output trained on by this factor
 
@@ -27,14 +36,18 @@ class Settings:
         hidden: widths of the hidden layers.
         epochs: passes over all patterns.
         decay: weight decay, against the sum of squared scaled errors.
+        cell: 'tanh' for an MLP, 'gru' for a recurrent network of one layer.
     """
 
     hidden: tuple[int, ...] = (77, 77)
     epochs: int = 500
     decay: float = 5e-4
+    cell: str = 'tanh'
 
 
 HYBRID = Settings(hidden=(80,), decay=0.0)      # [B19], the text; its Table 3 misprints 2 layers
+GRU = Settings(hidden=(42,), decay=0.0, cell='gru')     # 7225 weights; the MLP of [B19] has 7239
+SETTINGS = {'mlp': Settings(), 'hybrid': HYBRID, 'gru': GRU}    # by the kind of model
 
 
 @dataclass(frozen=True)
@@ -53,10 +66,16 @@ class Job:
 
 @dataclass(frozen=True, eq=False)
 class Trained:
-    """A trained network, and its RMS over the patterns before every epoch, shape (epochs,)."""
+    """A trained network, and its RMS before every epoch, shape (epochs,).
+
+    Attributes:
+        curve: over the patterns it is trained on.
+        watched: over those of another problem; nan where there is none.
+    """
 
     network: Network
     curve: FloatArray
+    watched: FloatArray
 
 
 @dataclass(frozen=True, eq=False)
@@ -69,6 +88,7 @@ class Problem:
         shift, scale: the network sees (regressors - shift) / scale, shape (R,).
         output_scale: it gives targets over this.
         limit: what its free run may not exceed.
+        lengths: patterns of each stretch, one after the other; what is recurrent needs it.
     """
 
     regressors: FloatArray
@@ -77,11 +97,23 @@ class Problem:
     scale: FloatArray
     output_scale: float
     limit: float
+    lengths: tuple[int, ...] = ()
 
-    def network(self, hidden: Sequence[int], weights: FloatArray) -> Network:
+    def network(self, settings: Settings, weights: FloatArray) -> Network:
         """Make a network of trained weights, shape (P,)."""
-        sizes = np.array([len(self.shift), *hidden, 1])
-        return Network(sizes, weights, self.shift, self.scale, self.output_scale, self.limit)
+        sizes = np.array([len(self.shift), *settings.hidden, 1])
+        kind = Recurrent if settings.cell == 'gru' else Network
+        return kind(sizes, weights, self.shift, self.scale, self.output_scale, self.limit)
+
+    def scaled(self, other: Problem) -> tuple[FloatArray, FloatArray]:
+        """Scale regressors and targets of another problem, or of this one, for the network."""
+        return (other.regressors - self.shift) / self.scale, other.targets / self.output_scale
+
+    def error(self, network: Network, other: Problem) -> FloatArray:
+        """Predict the targets of a problem; returns what is missed, in their unit, shape (N,)."""
+        begins = np.cumsum([0, *other.lengths[:-1]])
+        predicted = [network(rows) for rows in np.split(other.regressors, begins[1:])]
+        return np.concatenate(predicted) - other.targets
 
 
 def make_problem(
@@ -116,7 +148,8 @@ def make_problem(
         np.ascontiguousarray(rows[:, :-1]), targets,
         np.concatenate([np.zeros(order), np.repeat([c.mean() for c in samples], order + 1)]),
         np.concatenate([np.full(order, plant.output_scale), np.repeat(spread, order + 1)]),
-        output_scale, DIVERGED * float(np.abs(y).max()))
+        output_scale, DIVERGED * float(np.abs(y).max()),
+        tuple(len(series) - order - 1 for series in stretches if len(series) > order + 1))
 
 
 def first_weights(sizes: Sequence[int], seed: int) -> FloatArray:
@@ -128,7 +161,7 @@ def first_weights(sizes: Sequence[int], seed: int) -> FloatArray:
 
 def train_batch(
     problem: Problem, jobs: Sequence[Job], device: str = 'cpu',
-    epoch_done: Callable[[], object] = lambda: None,
+    epoch_done: Callable[[], object] = lambda: None, watched: Problem | None = None,
 ) -> list[Trained]:
     """Train networks of the same settings in one batched computation.
 
@@ -139,23 +172,70 @@ def train_batch(
         jobs: of the same settings, with rows of the same number.
         device: a torch device, 'cpu' or 'cuda'.
         epoch_done: called after every epoch.
+        watched: patterns to score before every epoch, which do not train.
     """
     from hydro_twin.fitting.rprop import descend
+
     settings = jobs[0].settings
-    x = (problem.regressors - problem.shift) / problem.scale
-    y = problem.targets / problem.output_scale
+    run = _recurrent if settings.cell == 'gru' else _feedforward
+    weights, slope_of, watch, patterns = run(problem, jobs, device, watched)
+    trained, *sums = descend(slope_of, weights, settings.epochs, device, epoch_done, watch)
+    counts = patterns, len(watched.targets) if watched else 1
+    curves, beside = (problem.output_scale * np.sqrt(s / n)
+                      for s, n in zip(sums, counts, strict=True))
+    return [Trained(problem.network(settings, w), *curve)
+            for w, *curve in zip(trained, curves, beside, strict=True)]
+
+
+def _feedforward(
+    problem: Problem, jobs: Sequence[Job], device: str, watched: Problem | None,
+) -> tuple[FloatArray, Slope, Watch | None, int]:
+    """Make ready the training of MLPs: first weights, gradient, what is watched, patterns."""
+    from hydro_twin.fitting.rprop import as_tensor, gradient, squares
+
+    settings = jobs[0].settings
+    x, y = problem.scaled(problem)
     sizes = [x.shape[1], *settings.hidden, 1]
     split = [job.rows for job in jobs if job.rows is not None]
-    weights, curves = descend(
-        np.stack([x[rows] for rows in split]) if split else x[None],
-        np.stack([y[rows] for rows in split]) if split else y[None],
+    inputs, targets = (as_tensor(np.stack([a[rows] for rows in split]) if split else a[None],
+                                 device).expand(len(jobs), *[-1] * a.ndim) for a in (x, y))
+    beside = [as_tensor(a[None], device).expand(len(jobs), *[-1] * a.ndim)
+              for a in problem.scaled(watched)] if watched else []
+    return (
         np.stack([first_weights(sizes, job.seed) for job in jobs]),
-        sizes, settings.epochs, settings.decay, device, epoch_done)
-    return [Trained(problem.network(settings.hidden, w), problem.output_scale * curve)
-            for w, curve in zip(weights, curves, strict=True)]
+        lambda weights, out: gradient(weights, sizes, inputs, targets[..., None], settings.decay,
+                                      out),
+        (lambda weights: squares(weights, sizes, beside[0], beside[1][..., None]))
+        if watched else None,
+        inputs.shape[1])
 
 
-def train_many(problem: Problem, jobs: Sequence[Job], device: str = 'cpu') -> Iterator[Trained]:
+def _recurrent(
+    problem: Problem, jobs: Sequence[Job], device: str, watched: Problem | None,
+) -> tuple[FloatArray, Slope, Watch | None, int]:
+    """Make ready the training of GRUs, as `_feedforward` does; on all patterns only."""
+    from hydro_twin.fitting import recurrent
+    from hydro_twin.fitting.rprop import as_tensor
+
+    settings = jobs[0].settings
+    sizes = [problem.regressors.shape[1], *settings.hidden, 1]
+
+    def tensors(other: Problem) -> tuple[Tensor, Tensor, Tensor]:
+        rows, scored = recurrent.windows(other.lengths)
+        x, y = problem.scaled(other)
+        return as_tensor(x[rows], device), as_tensor(y[rows], device), as_tensor(scored, device)
+
+    here, there = tensors(problem), tensors(watched or problem)
+    return (
+        np.stack([recurrent.first_weights(sizes, job.seed) for job in jobs]),
+        lambda weights, out: recurrent.gradient(weights, sizes, *here, settings.decay, out),
+        (lambda weights: recurrent.squares(weights, sizes, *there)) if watched else None,
+        len(problem.targets))
+
+
+def train_many(
+    problem: Problem, jobs: Sequence[Job], device: str = 'cpu', watched: Problem | None = None,
+) -> Iterator[Trained]:
     """Train networks and yield them in the order of the jobs, using the whole machine.
 
     On a processor every core trains one network at a time on one thread, which beats batching;
@@ -165,6 +245,7 @@ def train_many(problem: Problem, jobs: Sequence[Job], device: str = 'cpu') -> It
         problem: what to learn.
         jobs: what to train; any settings.
         device: 'cpu', or a torch device such as 'cuda'.
+        watched: as in `train_batch`.
 
     Raises:
         UserError: there is no such device.
@@ -172,9 +253,9 @@ def train_many(problem: Problem, jobs: Sequence[Job], device: str = 'cpu') -> It
     if device != 'cpu':
         check_device(device)
         for _, group in groupby(jobs, key=lambda job: job.settings):
-            yield from train_batch(problem, list(group), device)
+            yield from train_batch(problem, list(group), device, watched=watched)
         return
-    yield from in_processes(partial(_train_one, problem), jobs)
+    yield from in_processes(partial(_train_one, problem, watched), jobs)
 
 
 def check_device(name: str) -> None:
@@ -194,6 +275,6 @@ def check_device(name: str) -> None:
         raise UserError(f'device {name!r}: torch cannot use it here; try cpu')
 
 
-def _train_one(problem: Problem, job: Job) -> Trained:
+def _train_one(problem: Problem, watched: Problem | None, job: Job) -> Trained:
     """Train one network by itself."""
-    return train_batch(problem, [job])[0]
+    return train_batch(problem, [job], watched=watched)[0]

@@ -12,6 +12,7 @@ SPEED_LIMIT = 0.1                       # widths of the box in one cycle
 
 def particle_swarm(
     objective: Objective, lower: FloatArray, upper: FloatArray, seed: int,
+    speed_limit: float = SPEED_LIMIT,
 ) -> SearchResult:
     """Move 100 particles for 100 cycles, with the settings of [B19] Table 2.
 
@@ -25,6 +26,7 @@ def particle_swarm(
         lower: lower corner of the box, shape (d,).
         upper: upper corner.
         seed: the same seed gives the same result.
+        speed_limit: in widths of the box; infinite for none but the walls.
     """
     rng = np.random.default_rng(seed)
     score = Scorer(objective)
@@ -32,7 +34,7 @@ def particle_swarm(
     x, velocity = rng.uniform(lower, upper, shape), np.zeros(shape)
     errors = score(x)
     own, own_errors = x, errors
-    limit = SPEED_LIMIT * (upper - lower)
+    limit = speed_limit * (upper - lower)
     for _ in range(CYCLES - 1):
         leader = own[np.argmin(own_errors)]
         pull = BETA * rng.random(shape) * (own - x) + GAMMA * rng.random(shape) * (leader - x)

@@ -13,9 +13,9 @@ from hydro_twin.fitting.free_run import fit_linear
 from hydro_twin.fitting.identifiability import assess, Identifiability
 from hydro_twin.fitting.network import make_problem, Problem
 from hydro_twin.fitting.one_step import at_bound, sensitivities
+from hydro_twin.fitting.populations import fit_one_step
 from hydro_twin.fitting.populations import METHODS as POPULATIONS
 from hydro_twin.fitting.regression import regression
-from hydro_twin.fitting.study import fit as search
 from hydro_twin.model import Estimate, Model
 from hydro_twin.plants import Plant
 from hydro_twin.plants.plant import Parameter
@@ -74,7 +74,7 @@ def fit_physics(train: Recording, plant: Plant, constants: Mapping[str, float], 
         inputs = [signal.name for signal in plant.inputs]
         coefficients = coefficients_of(plant, constants, train.sample_time)
         factor = regression(train.series, plant.output.name, inputs, plant.order)
-        best = search(method, factor, coefficients, plant, seed).best
+        best = fit_one_step(method, factor, coefficients, plant, seed).best
         lower, upper = np.array([(p.lower, p.upper) for p in plant.parameters]).T
         slopes = list(sensitivities(train.series, plant.output.name, inputs, plant.order,
                                     coefficients, best))
@@ -123,7 +123,7 @@ def _published(train: Recording, plant: Plant, seed: int) -> Physics:
 
 
 def network_problem(train: Recording, model: Model) -> Problem:
-    """Collect what the network of a model of kind 'mlp' or 'hybrid' is to learn.
+    """Collect what the network of a model is to learn.
 
     Raises:
         DataError: the samples do not allow it.

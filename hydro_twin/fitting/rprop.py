@@ -1,4 +1,4 @@
-"""Rprop for many networks of one shape at once; the only module that imports torch."""
+"""Rprop for many networks of one shape at once, and the gradient of an MLP, in torch."""
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
@@ -12,6 +12,9 @@ from hydro_twin.recording.series import FloatArray
 
 GROW, SHRINK = 1.2, 0.5                     # Riedmiller and Braun 1993
 FIRST, LEAST, LARGEST = 0.01, 1e-6, 50.0    # step of a weight
+
+# (weights (B, P), where the gradient goes (B, P)) -> sum of squares of every network (B,)
+Slope = Callable[[Tensor, Tensor], Tensor]
 
 
 def computes_on(device: str) -> bool:
@@ -36,6 +39,7 @@ def layers(weights: Tensor, sizes: Sequence[int]) -> list[tuple[Tensor, Tensor]]
 
 def gradient(
     weights: Tensor, sizes: Sequence[int], x: Tensor, y: Tensor, decay: float, out: Tensor,
+    bounded: bool = False,
 ) -> Tensor:
     """Differentiate the sum over the patterns of e^2 / 2, plus decay/2 times that of weights^2.
 
@@ -48,6 +52,7 @@ def gradient(
         y: shape (B, N, 1).
         decay: weight decay.
         out: takes the gradient, shape (B, P).
+        bounded: the output too goes through a tanh.
 
     Returns:
         Sum of e^2 of every network, shape (B,).
@@ -56,8 +61,13 @@ def gradient(
     activations = [x]
     for matrix, bias in here[:-1]:
         activations.append(torch.baddbmm(bias, activations[-1], matrix).tanh_())
-    error = torch.baddbmm(here[-1][1], activations[-1], here[-1][0]).sub_(y)
+    output = torch.baddbmm(here[-1][1], activations[-1], here[-1][0])
+    if bounded:
+        output.tanh_()
+    error = output - y
     squares = error.square().sum((1, 2))
+    if bounded:
+        error.mul_(output.square_().neg_().add_(1.0))
     for i in reversed(range(len(here))):
         matrix_gradient, bias_gradient = there[i]
         matrix_gradient.copy_(activations[i].transpose(1, 2) @ error)
@@ -67,6 +77,16 @@ def gradient(
             error = (error @ here[i][0].transpose(1, 2)).mul_(slope)
     out.add_(weights, alpha=decay)
     return squares
+
+
+def squares(weights: Tensor, sizes: Sequence[int], x: Tensor, y: Tensor) -> Tensor:
+    """Sum e^2 of every network over patterns, as `gradient` does, shape (B,)."""
+    here = layers(weights, sizes)
+    layer = x
+    for matrix, bias in here[:-1]:
+        layer = torch.baddbmm(bias, layer, matrix).tanh_()
+    error = torch.baddbmm(here[-1][1], layer, here[-1][0]).sub_(y)
+    return error.square_().sum((1, 2))
 
 
 def rprop(weights: Tensor, gradient: Tensor, previous: Tensor, steps: Tensor) -> None:
@@ -84,45 +104,50 @@ def rprop(weights: Tensor, gradient: Tensor, previous: Tensor, steps: Tensor) ->
 
 
 def descend(
-    x: FloatArray, y: FloatArray, weights: FloatArray, sizes: Sequence[int], epochs: int,
-    decay: float, device: str, epoch_done: Callable[[], object],
-) -> tuple[FloatArray, FloatArray]:
+    slope_of: Slope, weights: FloatArray, epochs: int, device: str,
+    epoch_done: Callable[[], object], watched: Callable[[Tensor], Tensor] | None = None,
+) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Train every network for a number of epochs, each on all its patterns at once.
 
     In single precision: double takes 1.7 times as long, and ends no lower. On one thread of a
     processor: more of them gain little on one network, and lose where several are trained.
 
     Args:
-        x: scaled regressors, shape (B, N, R), or (1, N, R) for all networks.
-        y: scaled targets, shape (B, N), or (1, N).
+        slope_of: gives the sum of squares of each network's weights, and their gradient.
         weights: where to start, shape (B, P).
-        sizes: widths of the layers, R first, 1 last.
         epochs: number of steps.
-        decay: weight decay.
         device: a torch device, 'cpu' or 'cuda'.
         epoch_done: called after every epoch.
+        watched: gives the sum of squares over other patterns, which do not train.
 
     Returns:
-        The weights, shape (B, P), and the scaled RMS before each epoch, shape (B, epochs).
+        The weights, shape (B, P), and the sums of squares before each epoch, shape (B, epochs),
+        of the patterns and of those watched; the latter are nan where none are.
     """
-    def move(array: FloatArray) -> Tensor:
-        return torch.as_tensor(array, dtype=torch.float32, device=device)
-
     threads = torch.get_num_threads()
-    nets, patterns = len(weights), x.shape[1]
-    inputs = move(x).expand(nets, -1, -1)
-    targets = move(y)[..., None].expand(nets, -1, -1)
-    trained = move(weights).clone()
+    trained = as_tensor(weights, device).clone()
     slope, previous = torch.empty_like(trained), torch.zeros_like(trained)
     steps = torch.full_like(trained, FIRST)
-    curve = []
+    curve, beside = [], []
     torch.set_num_threads(1)
     try:
         for _ in range(epochs):
-            curve.append(gradient(trained, sizes, inputs, targets, decay, slope))
+            if watched is not None:
+                beside.append(watched(trained))
+            curve.append(slope_of(trained, slope))
             rprop(trained, slope, previous, steps)
             epoch_done()
     finally:
         torch.set_num_threads(threads)
-    rms = torch.sqrt(torch.stack(curve, 1) / patterns)
-    return trained.cpu().numpy().astype(np.float64), rms.cpu().numpy().astype(np.float64)
+
+    def stack(sums: Sequence[Tensor]) -> FloatArray:
+        if not sums:
+            return np.full((len(weights), epochs), np.nan)
+        return torch.stack(list(sums), 1).cpu().numpy().astype(np.float64)
+
+    return trained.cpu().numpy().astype(np.float64), stack(curve), stack(beside)
+
+
+def as_tensor(array: FloatArray, device: str) -> Tensor:
+    """Move an array to a device, in single precision."""
+    return torch.as_tensor(array, dtype=torch.float32, device=device)

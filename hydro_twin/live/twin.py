@@ -60,10 +60,10 @@ class Twin:
         self._count = 0
 
     def warm_up(self) -> None:
-        """Step once for nothing, so that what is compiled is there before the first sample."""
-        stepper = self.predictor.stepper(self.mode)
-        for _ in range(2):
-            stepper.step(np.zeros(len(self.predictor.plant.inputs)), 0.0)
+        """Step until a prediction comes, so that all is compiled before the first sample."""
+        stepper, plant = self.predictor.stepper(self.mode), self.predictor.plant
+        for _ in range(plant.order + 2):
+            stepper.step(np.zeros(len(plant.inputs)), 0.0)
 
     def step(self, stamp: int, inputs: FloatArray, measured: float) -> float:
         """Predict the output of the next sample.

@@ -1,4 +1,4 @@
-"""The predictors with a network: alone (MLP), or on the error of the analytical model (hybrid)."""
+"""The predictors with a network: MLP or GRU alone, or on the analytical model's error (hybrid)."""
 from __future__ import annotations
 
 import logging
@@ -20,22 +20,26 @@ log = logging.getLogger(__name__)
 class NetworkPredictor:
     """Runs a network on the regressors of [B19], y(k-1..k-n) and u(k..k-n) of every input.
 
-    The MLP's network gives the output. The hybrid's gives what the one-step prediction of the
-    analytical model lacks. In a free run the output is fed back, to the network and to the
-    analytical model alike; it starts from rest at the first measured output.
+    The MLP and the GRU give the output; the GRU has a state beside, nought at the first sample
+    with all regressors. The hybrid's network gives what the one-step prediction of the analytical
+    model lacks. In a free run the output is fed back, to the network and to the analytical model
+    alike; it starts from rest at the first measured output.
     """
 
     def __init__(self, model: Model, network: Network) -> None:
         """Join a model and the network that belongs to it.
 
         Raises:
-            ModelError: the network takes another number of regressors than the plant has.
+            ModelError: the network is of another kind than the model says, or takes another
+                number of regressors than the plant has.
         """
         self.model, self.network, self.plant = model, network, model.plant
         self.sample_time = model.sample_time
         self.analytical = Analytical(model) if model.kind == 'hybrid' else None
         order = self.plant.order
         wanted = order + (order + 1) * len(self.plant.inputs)
+        if (network.cell == 'gru') != (model.kind == 'gru'):
+            raise ModelError(f'a model of kind {model.kind} has no {network.cell} network')
         if network.sizes[0] != wanted:
             raise ModelError(f'the network takes {network.sizes[0]} regressors, but '
                              f'{self.plant.name} has {wanted}')
@@ -108,13 +112,14 @@ class NetworkStepper:
         self.past_inputs[:] = inputs[:, None]
         self.past_outputs[:] = output
         self.count = self.order
+        self.network.settle(self.regressors, self.scratch)
         if self.analytical is not None:
             for _ in range(self.order):
                 self.analytical.step(inputs, output)
 
 
 def load_network_predictor(model: Model, folder: Path) -> NetworkPredictor:
-    """Make the predictor of a model of kind 'mlp' or 'hybrid'; its weights lie in the folder.
+    """Make the predictor of a model with a network; its weights lie in the folder.
 
     Raises:
         ModelError: the model names no weights, or they are missing, damaged or of another plant.

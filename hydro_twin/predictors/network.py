@@ -85,6 +85,8 @@ class Network:
     output_scale: float
     limit: float
 
+    cell = 'tanh'
+
     def __post_init__(self) -> None:
         """Refuse what does not fit together.
 
@@ -94,13 +96,18 @@ class Network:
         sizes = self.sizes
         if len(sizes) < 2 or np.any(sizes < 1) or sizes[-1] != 1:
             raise ModelError(f'a network of layers {sizes.tolist()} has not one output')
-        if self.weights.shape != (int(np.sum((sizes[:-1] + 1) * sizes[1:])),):
+        if self.weights.shape != (self.count(sizes),):
             raise ModelError(f'{self.weights.size} weights do not make layers {sizes.tolist()}')
         if self.shift.shape != (sizes[0],) or self.scale.shape != (sizes[0],):
             raise ModelError(f'the scaling is not that of {sizes[0]} regressors')
         numbers = np.concatenate([self.weights, self.shift, self.scale, [self.output_scale]])
         if not np.all(np.isfinite(numbers)) or np.any(self.scale <= 0) or not self.limit > 0:
             raise ModelError('the network holds values that are not finite, or scales not above 0')
+
+    @staticmethod
+    def count(sizes: IntArray) -> int:
+        """Count the weights of layers of these widths."""
+        return int(np.sum((sizes[:-1] + 1) * sizes[1:]))
 
     @property
     def hidden(self) -> tuple[int, ...]:
@@ -116,6 +123,9 @@ class Network:
         return float(forward(self.sizes, self.weights, self.shift, self.scale, self.output_scale,
                              regressors, scratch))
 
+    def settle(self, regressors: FloatArray, scratch: FloatArray) -> None:
+        """Come to rest under regressors that do not change: nothing is kept, nothing to do."""
+
     def __call__(self, regressors: FloatArray) -> FloatArray:
         """Predict every row of regressors, shape (N, R) -> (N,), in the plant's units."""
         outputs = np.empty(len(regressors))
@@ -130,7 +140,7 @@ def save_network(network: Network, path: Path) -> None:
                'input_scale': network.scale, 'output_scale': np.array([network.output_scale]),
                'output_limit': np.array([network.limit])}
     metadata = {'format': FORMAT, 'sizes': json.dumps(network.sizes.tolist()),
-                'activation': 'tanh'}
+                'activation': network.cell}
     beside = path.with_name(f'.{path.name}.{os.getpid()}')
     try:
         beside.write_bytes(save(tensors, metadata))
@@ -145,6 +155,8 @@ def load_network(path: Path) -> Network:
     Raises:
         ModelError: the file is missing, damaged, of another format, or does not fit together.
     """
+    from hydro_twin.predictors.recurrent import Recurrent
+
     try:
         with safe_open(path, framework='numpy') as file:
             metadata = file.metadata() or {}
@@ -152,8 +164,9 @@ def load_network(path: Path) -> Network:
             tensors = {name: file.get_tensor(name).astype(float) for name in names}
         if metadata.get('format') != FORMAT:
             raise ModelError(f'format {metadata.get("format")}, expected {FORMAT}')
-        return Network(np.array(json.loads(metadata['sizes']), dtype=np.int64),
-                       tensors['weights'], tensors['input_shift'], tensors['input_scale'],
-                       tensors['output_scale'].item(), tensors['output_limit'].item())
+        made = {kind.cell: kind for kind in (Network, Recurrent)}[metadata['activation']]
+        return made(np.array(json.loads(metadata['sizes']), dtype=np.int64),
+                    tensors['weights'], tensors['input_shift'], tensors['input_scale'],
+                    tensors['output_scale'].item(), tensors['output_limit'].item())
     except (OSError, SafetensorError, KeyError, ValueError, ModelError) as error:
         raise ModelError(f'{path}: not a network of this software: {error}') from error

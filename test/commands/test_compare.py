@@ -1,6 +1,7 @@
 """The whole study, end to end, on a small recording; and what it refuses."""
 from __future__ import annotations
 
+from functools import partial
 import json
 from pathlib import Path
 
@@ -73,6 +74,25 @@ def test_compares_everything(tmp_path: Path, capsys: pytest.CaptureFixture[str])
     direct, swapped = result['experiments']['direct'], result['experiments']['swapped']
     assert direct['patterns'] == {'train': 2 * 295, 'test': 2 * 145}
     assert swapped['patterns'] == {'train': 2 * 145, 'test': 2 * 295}
+
+
+@pytest.mark.slow
+def test_searches_the_settings_on_the_training_part(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str],
+) -> None:
+    pytest.importorskip('torch')
+    from hydro_twin.fitting.network_search import search
+    monkeypatch.setattr('hydro_twin.studies.b19.settings.search', partial(
+        search, decays=(0.0, 1e-6), structures=((1,), (4,)), repeats=4))
+    out = tmp_path / 'out'
+    assert compare(bag(tmp_path / 'bag', 450), out, '--runs', '1', '--search', '--json') == 0
+    settings = json.loads(capsys.readouterr().out)['settings']
+    assert settings['direct']['mlp']['hidden'] in ([1], [4])
+    logs = sorted(file.name for file in out.glob('*.jsonl'))
+    assert logs == [f'{name}.{kind}.search.jsonl' for name in ('direct', 'swapped')
+                    for kind in ('hybrid', 'mlp')]
+    # Each looks at its own training part: the same patterns would make the same head.
+    assert len({(out / log).read_text().splitlines()[0] for log in logs}) == 4
 
 
 def test_refuses_a_recording_that_is_too_short(

@@ -1,12 +1,12 @@
 import json
 
+from hydro_twin.fitting.study import analytical_run, make_part
 import numpy as np
 import pytest
 
 from hydro_twin.commands.common import read, rig_of
 from hydro_twin.commands.main import main
 from hydro_twin.fitting.search import SearchResult
-from hydro_twin.fitting.study import analytical_run, make_part
 from hydro_twin.model import read_model
 from hydro_twin.plants import PLANTS
 from hydro_twin.recording.digest import source_of

@@ -37,6 +37,23 @@ def test_an_mlp_of_the_structure_asked_for(
 
 
 @pytest.mark.slow
+def test_a_gru_beats_repeating_and_is_replayed(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str],
+) -> None:
+    assert refit(tmp_path / 'm.yaml', '--predictor', 'gru', '--hidden', '8', '--decay',
+                 '1e-5') == 0
+    result = json.loads(capsys.readouterr().out)
+    assert (result['hidden'], result['decay']) == ([8], 1e-5)
+    assert result['test']['one_step'] < 0.7 * result['persistence']['test']
+    made = read_model(tmp_path / 'm.yaml')
+    assert (made.kind, made.parameters) == ('gru', {})
+    assert main(['replay', str(RIG), '--model', str(tmp_path / 'm.yaml'), '--json']) == 0
+    replayed = json.loads(capsys.readouterr().out)['one_step']['rmse']
+    both = sorted((result['train']['one_step'], result['test']['one_step']))
+    assert both[0] * 0.95 < replayed < both[1] * 1.05
+
+
+@pytest.mark.slow
 def test_a_hybrid_on_a_model_keeps_its_physics_and_effects(
     tmp_path: Path, capsys: pytest.CaptureFixture[str],
 ) -> None:
@@ -60,7 +77,12 @@ def test_a_hybrid_on_a_model_keeps_its_physics_and_effects(
 
 @pytest.mark.parametrize(('more', 'says'), [
     (['--hidden', '7,x'], 'should read like 77,77'),
-    (['--hidden', '7'], '--predictor mlp or hybrid'),
+    (['--hidden', '7'], '--predictor mlp, gru or hybrid'),
+    (['--decay', '0'], '--predictor mlp, gru or hybrid'),
+    (['--decay', 'nan', '--predictor', 'mlp'], "'nan' should be a number, 0 or above"),
+    (['--search', '--predictor', 'gru'], '--search is for mlp and hybrid'),
+    (['--hidden', '5,5', '--predictor', 'gru'], 'a GRU has one hidden layer'),
+    (['--method', 'pso', '--predictor', 'gru'], 'a GRU has none'),
     (['--method', 'pso', '--predictor', 'mlp'], 'an MLP has none'),
     (['--criterion', 'one_step', '--predictor', 'mlp'], 'an MLP has none'),
     (['--seed', '-1'], "'-1' should be a whole number, 0 or above"),

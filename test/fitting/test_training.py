@@ -103,7 +103,7 @@ def test_learns_what_no_linear_model_can(problem: Problem) -> None:
 
 def test_the_curve_starts_at_the_untrained_network(problem: Problem) -> None:
     trained = train_batch(problem, [Job(SMALL, 3)])[0]
-    untrained = problem.network(SMALL.hidden, first_weights([14, 6, 5, 1], 3))
+    untrained = problem.network(SMALL, first_weights([14, 6, 5, 1], 3))
     error = untrained(problem.regressors) - problem.targets
     assert trained.curve[0] == pytest.approx(np.sqrt(np.mean(error**2)), rel=1e-5)
     assert trained.curve.shape == (40,)
@@ -117,6 +117,18 @@ def test_a_seed_gives_the_same_network_in_any_process(problem: Problem) -> None:
     assert not np.array_equal(first.network.weights, other.network.weights)
     here = train_batch(problem, jobs[:1])[0]
     np.testing.assert_allclose(first.curve[:10], here.curve[:10], rtol=1e-4)
+
+
+def test_watches_patterns_that_do_not_train(problem: Problem) -> None:
+    other = make_problem([series(seed=5)], LOAD_SIMULATOR)
+    settings = replace(SMALL, epochs=5)
+    watched = train_batch(problem, [Job(settings, 1)], watched=other)[0]
+    plain = train_batch(problem, [Job(settings, 1)])[0]
+    assert watched.network.weights.tolist() == plain.network.weights.tolist()
+    assert np.isnan(plain.watched).all()
+    untrained = problem.network(SMALL, first_weights([14, 6, 5, 1], 1))
+    error = untrained(other.regressors) - other.targets
+    assert watched.watched[0] == pytest.approx(np.sqrt(np.mean(error**2)), rel=1e-5)
 
 
 def test_scales_as_the_paper(problem: Problem) -> None:

@@ -11,9 +11,9 @@ from scipy.stats import mannwhitneyu
 from hydro_twin.errors import DataError
 from hydro_twin.fitting.candidate import parts_of
 from hydro_twin.fitting.coefficients import coefficients_of
-from hydro_twin.fitting.network import HYBRID, Job, make_problem, Settings, train_many
-from hydro_twin.fitting.one_step import Coefficients, least_squares, one_step_error
-from hydro_twin.fitting.populations import METHODS
+from hydro_twin.fitting.network import Job, SETTINGS, Settings, train_many
+from hydro_twin.fitting.populations import fit_one_step
+from hydro_twin.fitting.refit import network_problem
 from hydro_twin.fitting.regression import Regression, regression
 from hydro_twin.fitting.search import SearchResult
 from hydro_twin.model import Estimate, Model
@@ -22,7 +22,7 @@ from hydro_twin.plants.plant import FloatArray
 from hydro_twin.predictors.analytical import Analytical
 from hydro_twin.predictors.hybrid import NetworkPredictor
 from hydro_twin.predictors.predictor import Predictor
-from hydro_twin.predictors.scores import errors_of, persistence, predict
+from hydro_twin.predictors.scores import errors_of, persistence
 from hydro_twin.recording.series import Recording
 
 TITLES = {'random': 'RG', 'ea': 'EA', 'bees': 'BA', 'pso': 'PSO', 'mlp': 'MLP',
@@ -50,10 +50,12 @@ class Run:
     Attributes:
         errors: RMS in the output's unit by part and mode; infinite after a divergence.
         curve: training error after every cycle or epoch.
+        test_curve: that of a network on the test part, which it does not see.
     """
 
     errors: Mapping[Key, float]
     curve: FloatArray
+    test_curve: FloatArray | None = None
 
 
 @dataclass(frozen=True)
@@ -81,6 +83,7 @@ class Study:
 def study(
     train: Recording, test: Recording, plant: Plant, constants: Mapping[str, float], runs: int,
     seed: int = 0, device: str = 'cpu', run_done: Callable[[], object] = lambda: None,
+    settings: Mapping[str, Settings] = SETTINGS,
 ) -> Study:
     """Run every method a number of times, with the settings of [B19].
 
@@ -95,6 +98,7 @@ def study(
         seed: of the first run.
         device: as in `network.train_many`.
         run_done: called after every run.
+        settings: of the networks, by kind.
 
     Raises:
         DataError: a part is too short, constant or not finite.
@@ -113,7 +117,7 @@ def study(
     fits = {}
     for method in TITLES:
         if method not in ('mlp', 'hybrid'):
-            fits[method] = [fit(method, parts['train'].factor, coefficients, plant, s)
+            fits[method] = [fit_one_step(method, parts['train'].factor, coefficients, plant, s)
                             for s in seeds]
             models = [model_of('analytical', result.best, plant, constants, sample_time)
                       for result in fits[method]]
@@ -121,8 +125,8 @@ def study(
                              for result, model in zip(fits[method], models, strict=True)))
     base = model_of('hybrid', fits['least_squares'][0].best, plant, constants, sample_time)
     mlp = Model(plant, {}, constants, sample_time, 'mlp')
-    collect('mlp', network_runs(mlp, Settings(), parts, seeds, device))
-    collect('hybrid', network_runs(base, HYBRID, parts, seeds, device))
+    collect('mlp', network_runs(mlp, settings['mlp'], parts, seeds, device))
+    collect('hybrid', network_runs(base, settings['hybrid'], parts, seeds, device))
     best = parts['train'].factor.best()
     return Study(found, {name: part.factor.patterns for name, part in parts.items()},
                  {name: persistence(part.recording, plant) for name, part in parts.items()},
@@ -144,17 +148,6 @@ def make_part(name: str, recording: Recording, plant: Plant) -> Part:
         raise DataError(f'{name} part: {error}') from error
 
 
-def fit(
-    method: str, factor: Regression, coefficients: Coefficients, plant: Plant, seed: int,
-) -> SearchResult:
-    """Search the plant's box for the least one-step error by a method of `TITLES`."""
-    lower, upper = np.array([(p.lower, p.upper) for p in plant.parameters]).T
-    if method == 'least_squares':
-        names = [p.name for p in plant.parameters]
-        return least_squares(factor, coefficients, names, plant.combinations, lower, upper, seed)
-    return METHODS[method](one_step_error(factor, coefficients), lower, upper, seed)
-
-
 def model_of(
     kind: str, values: FloatArray, plant: Plant, constants: Mapping[str, float],
     sample_time: float,
@@ -168,8 +161,8 @@ def model_of(
 def analytical_run(
     found: SearchResult, parts: Mapping[str, Part], model: Model,
 ) -> Run:
-    """Score the model of physical parameters on all parts."""
-    return Run(_errors(Analytical(model), parts), found.history)
+    """Score the model of physical parameters on both parts."""
+    return Run(scores(Analytical(model), recordings_of(parts)), found.history)
 
 
 def network_runs(
@@ -177,16 +170,22 @@ def network_runs(
     device: str,
 ) -> Iterator[Run]:
     """Train networks on the training part, on the analytical model's error if it is a hybrid."""
-    train = parts['train'].recording.series
-    predicted = predict(Analytical(model), train, 'one_step') if model.kind == 'hybrid' else None
-    problem = make_problem(train, model.plant, predicted)
-    for trained in train_many(problem, [Job(settings, seed) for seed in seeds], device):
-        yield Run(_errors(NetworkPredictor(model, trained.network), parts), trained.curve)
+    problems = {name: network_problem(part.recording, model) for name, part in parts.items()}
+    recordings = recordings_of(parts)
+    jobs = [Job(settings, seed) for seed in seeds]
+    for trained in train_many(problems['train'], jobs, device, problems['test']):
+        predictor = NetworkPredictor(model, trained.network)
+        yield Run(scores(predictor, recordings), trained.curve, trained.watched)
 
 
-def _errors(predictor: Predictor, parts: Mapping[str, Part]) -> dict[Key, float]:
-    """Score a predictor on all parts; infinite where a run diverges."""
-    errors = errors_of(predictor, {name: part.recording for name, part in parts.items()})
+def recordings_of(parts: Mapping[str, Part]) -> dict[str, Recording]:
+    """Take the recordings of the parts."""
+    return {name: part.recording for name, part in parts.items()}
+
+
+def scores(predictor: Predictor, parts: Mapping[str, Recording]) -> dict[Key, float]:
+    """Score a predictor on both parts; infinite where a run diverges."""
+    errors = errors_of(predictor, parts)
     return {(part, mode): error if math.isfinite(error) else math.inf
             for mode, by_part in errors.items() for part, error in by_part.items()}
 

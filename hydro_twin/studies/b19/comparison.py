@@ -1,7 +1,7 @@
 """A comparison of methods as an HTML page, a CSV table and a JSON object."""
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 import csv
 from io import StringIO
 import json
@@ -17,11 +17,18 @@ from matplotlib.figure import Figure
 import numpy as np
 
 from hydro_twin.errors import UserError
-from hydro_twin.fitting.study import five_numbers, mann_whitney, MODES, PARTS, Study, TITLES
+from hydro_twin.studies.b19.study import (
+    five_numbers,
+    mann_whitney,
+    MODES,
+    PARTS,
+    Run,
+    Study,
+    TITLES,
+)
 
 MODE_TITLES = {'one_step': 'one step', 'free_run': 'free run'}
 EXPERIMENTS = {'direct': 'as recorded', 'swapped': 'training and test data swapped'}
-NETWORKS = ('mlp', 'hybrid')
 
 
 def summary(studies: Mapping[str, Study]) -> dict[str, Any]:
@@ -46,7 +53,8 @@ def _experiment(study: Study) -> dict[str, Any]:
                                      for key, values in errors.items()}),
             'diverged': int(np.isinf(errors['test', 'free_run']).sum()),
             'curve': {'min': curves.min(0).tolist(), 'median': np.median(curves, 0).tolist(),
-                      'max': curves.max(0).tolist()},
+                      'max': curves.max(0).tolist(),
+                      'test_mean': _test_mean(runs)},
         }
     p_values = {
         (part, mode): {first: {second: mann_whitney(study.errors(first, part, mode),
@@ -56,6 +64,12 @@ def _experiment(study: Study) -> dict[str, Any]:
     return {'patterns': dict(study.patterns), 'persistence': dict(study.persistence),
             'unconstrained': dict(study.unconstrained), 'methods': methods,
             'mann_whitney': _by_key(p_values)}
+
+
+def _test_mean(runs: Sequence[Run]) -> list[float] | None:
+    """Average the test errors of networks as they learn; None for other methods."""
+    curves = [run.test_curve for run in runs if run.test_curve is not None]
+    return np.mean(curves, axis=0).tolist() if curves else None
 
 
 def _by_key(values: Mapping[tuple[str, str], Any]) -> dict[str, dict[str, Any]]:
@@ -83,7 +97,7 @@ def table(experiments: Mapping[str, Any]) -> str:
 
 def page(result: Mapping[str, Any]) -> str:
     """Write the HTML page, which needs no other file."""
-    environment = Environment(loader=PackageLoader('hydro_twin', 'report'), autoescape=True,
+    environment = Environment(loader=PackageLoader('hydro_twin.studies.b19', '.'), autoescape=True,
                               undefined=StrictUndefined, trim_blocks=True, lstrip_blocks=True)
     environment.filters['rms'] = lambda value: 'diverged' if value is None else f'{value:.5g}'
     environment.filters['p'] = lambda value: f'{value:.2g}'
@@ -96,23 +110,33 @@ def page(result: Mapping[str, Any]) -> str:
 
 
 def learning_curves(experiment: Mapping[str, Any], unit: str) -> str:
-    """Draw the training error of every method as it learns, [B19] Fig. 2, as SVG."""
+    """Draw how every method learns, as SVG; on the right [B19] Fig. 2.
+
+    That is the test error of the networks, averaged over the runs, with a line for the best
+    result of the BA. On the left is the training error of the optimisers, which it does not show.
+    """
     figure = Figure(figsize=(10, 4), layout='constrained')
     left, right = figure.subplots(1, 2)
     for method, found in experiment['methods'].items():
+        curve = found['curve']
         if method == 'least_squares':
             continue                        # a curve over starts, not cycles
-        axes, curve = (right if method in NETWORKS else left), found['curve']
         step = range(1, len(curve['median']) + 1)
-        line, = axes.plot(step, curve['median'], label=found['title'])
-        axes.fill_between(step, curve['min'], curve['max'], color=line.get_color(), alpha=0.2,
+        if curve['test_mean'] is not None:
+            right.plot(step, curve['test_mean'], label=found['title'])
+            continue
+        line, = left.plot(step, curve['median'], label=found['title'])
+        left.fill_between(step, curve['min'], curve['max'], color=line.get_color(), alpha=0.2,
                           linewidth=0)
-    for axes, what in ((left, 'cycle of 100 candidates'), (right, 'epoch')):
-        axes.set(xlabel=what, xscale='log', yscale='log')
-        axes.axhline(experiment['unconstrained']['train'], color='black', linestyle=':',
-                     label='linear without constraint')
+    left.axhline(experiment['unconstrained']['train'], color='black', linestyle=':',
+                 label='linear without constraint')
+    right.axhline(min(experiment['methods']['bees']['runs']['test']['one_step']), color='black',
+                  linestyle='--', label='best of the BA')
+    left.set(xlabel='cycle of 100 candidates', ylabel=f'RMS in training, median [{unit}]')
+    right.set(xlabel='epoch', ylabel=f'RMS in test, mean [{unit}]')
+    for axes in (left, right):
+        axes.set(xscale='log', yscale='log')
         axes.legend()
-    left.set_ylabel(f'RMS in training [{unit}]')
     return svg(figure, 'curves')
 
 

@@ -5,9 +5,9 @@ import numpy as np
 import pytest
 
 from hydro_twin.errors import DataError
-from hydro_twin.fitting.study import five_numbers, make_part, mann_whitney
 from hydro_twin.plants.load_simulator import LOAD_SIMULATOR
 from hydro_twin.recording.series import Recording, Series
+from hydro_twin.studies.b19.study import five_numbers, make_part, mann_whitney
 
 
 def test_five_numbers_are_those_of_the_paper_s_tables() -> None:

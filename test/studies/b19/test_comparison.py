@@ -11,8 +11,8 @@ import numpy as np
 import pytest
 
 from hydro_twin.errors import UserError
-from hydro_twin.fitting.study import MODES, PARTS, Run, Study, TITLES
-from hydro_twin.report.comparison import page, summary, table, write_comparison
+from hydro_twin.studies.b19.comparison import page, summary, table, write_comparison
+from hydro_twin.studies.b19.study import MODES, PARTS, Run, Study, TITLES
 
 RUNS = 6
 
@@ -21,12 +21,16 @@ RUNS = 6
 def result() -> dict[str, object]:
     rng = np.random.default_rng(0)
     runs = {method: [Run({(part, mode): float(rng.uniform(1, 2)) + i for part in PARTS
-                          for mode in MODES}, np.linspace(9, 1, 30) + rng.uniform())
-                     for _ in range(RUNS)] for i, method in enumerate(TITLES)}
+                          for mode in MODES}, np.linspace(9, 1, 30) + rng.uniform(),
+                         np.linspace(8, 2, 30) + k if method in ('mlp', 'hybrid') else None)
+                     for k in range(RUNS)] for i, method in enumerate(TITLES)}
     runs['mlp'][2].errors['test', 'free_run'] = np.inf      # type: ignore[index]
     both = dict.fromkeys(PARTS, 8.0)
     study = Study(runs, {'train': 995, 'test': 495}, both, both)
     return {'plant': 'load_simulator', 'unit': 'N m', 'bags': ['one & <two>'], 'runs': RUNS,
+            'settings': {name: {'mlp': {'hidden': [7, 5], 'decay': 5e-6},
+                                'hybrid': {'hidden': [9], 'decay': 0.0}}
+                         for name in ('direct', 'swapped')},
             'experiments': summary({'direct': study, 'swapped': study})}
 
 
@@ -57,6 +61,7 @@ def test_the_page_stands_alone(result: dict[str, object]) -> None:
     for title in TITLES.values():
         assert f'<td>{title}</td>' in text
     assert f'MLP 1 of {RUNS}' in text
+    assert 'MLP: 7, 5, weight decay 5e-06' in text
     assert text.count('<svg') == 4
     for piece in text.split('<svg')[1:]:
         ET.fromstring('<svg' + piece[:piece.index('</svg>')] + '</svg>')

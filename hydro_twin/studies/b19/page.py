@@ -1,0 +1,81 @@
+"""The page on [B19]: puts results, figures and the blocks with figures in their places."""
+from __future__ import annotations
+
+from collections.abc import Mapping
+import json
+from pathlib import Path
+import re
+from typing import Any
+
+from matplotlib.figure import Figure
+
+from hydro_twin.errors import UserError
+from hydro_twin.studies.b19.blocks import blocks
+from hydro_twin.studies.b19.comparison import svg
+from hydro_twin.studies.b19.reproduce import EPOCHS_DRAWN
+from hydro_twin.studies.b19.study import PARTS, TITLES
+
+BLOCK = re.compile(r'<!-- ([\w-]+) -->\n(?:.*?\n)?<!-- end -->', re.DOTALL)
+NETWORKS = ('mlp', 'hybrid')
+
+
+def write_page(results: Mapping[str, Any], folder: Path) -> None:
+    """Write load_simulator.json, the figures, and the blocks of load_simulator.md.
+
+    Raises:
+        UserError: the page has not the blocks that it should have.
+    """
+    page = folder / 'load_simulator.md'
+    text = filled(page.read_text(encoding='utf-8'), blocks(results))
+    (folder / 'load_simulator.json').write_text(json.dumps(results) + '\n', encoding='utf-8')
+    (folder / 'img').mkdir(exist_ok=True)
+    for name, drawing in (('learning', learning(results)), ('boxes', boxes(results))):
+        (folder / 'img' / f'load_simulator_{name}.svg').write_text(drawing, encoding='utf-8')
+    page.write_text(text, encoding='utf-8')
+
+
+def filled(text: str, made: Mapping[str, str]) -> str:
+    """Replace each block of a page, between <!-- name --> and <!-- end -->.
+
+    Raises:
+        UserError: a block is missing, or unknown.
+    """
+    names = [match[1] for match in BLOCK.finditer(text)]
+    if sorted(names) != sorted(made):
+        raise UserError(f'the page should have each of the blocks {", ".join(sorted(made))} '
+                        f'once; it has {", ".join(sorted(names))}')
+    return BLOCK.sub(lambda match: f'<!-- {match[1]} -->\n{made[match[1]]}\n<!-- end -->', text)
+
+
+def learning(results: Mapping[str, Any]) -> str:
+    """Draw [B19] Fig. 2: the networks' test error, mean of the runs, and the best of the BA."""
+    figure = Figure(figsize=(7, 4), layout='constrained')
+    axes = figure.subplots()
+    runs = results['published']['runs']
+    for step, style, label in (('published', '-', 'settings of the paper'),
+                               ('chosen', '--', 'settings chosen here')):
+        for k, kind in enumerate(NETWORKS):
+            found = runs[kind] if step == 'published' else results[step][kind]
+            axes.plot(EPOCHS_DRAWN + 1, found['test_curve'], style, color=f'C{k}',
+                      label=f'{TITLES[kind]}, {label}')
+    axes.axhline(min(runs['bees']['test']['one_step']), color='black', linestyle=':',
+                 label='best of the BA')
+    axes.set(xlabel='epoch', ylabel='RMS in test, mean [N m]', xscale='log', yscale='log')
+    axes.legend(fontsize='small')
+    return svg(figure, 'learning')
+
+
+def boxes(results: Mapping[str, Any]) -> str:
+    """Draw [B19] Fig. 3: the spread of the networks' errors in training and test."""
+    figure = Figure(figsize=(7, 4), layout='constrained')
+    pair = figure.subplots(1, 2, sharey=True)
+    runs = results['published']['runs']
+    for axes, part in zip(pair, PARTS, strict=True):
+        errors = [runs[kind][part]['one_step'] for kind in NETWORKS]
+        errors += [results['chosen'][kind][part]['one_step'] for kind in NETWORKS]
+        axes.boxplot(errors, whis=(0, 100))
+        axes.set_xticks(range(1, 5), [f'{TITLES[kind]}\n{who}' for who in ('paper', 'chosen')
+                                      for kind in NETWORKS])
+        axes.set_title(part)
+    pair[0].set_ylabel('RMS, one step [N m]')
+    return svg(figure, 'boxes')
