@@ -83,7 +83,9 @@ def table(head: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
 
 def number(value: float, digits: int = 4) -> str:
     """Write an error to a number of significant digits."""
-    return f'{value:#.{digits}g}'.rstrip('.') if math.isfinite(value) else 'diverged'
+    if not math.isfinite(value):
+        return 'diverged'
+    return f'{value:.0f}' if value >= 10 ** (digits - 1) else f'{value:#.{digits}g}'
 
 
 def p_value(value: float) -> str:

@@ -15,7 +15,7 @@ from hydro_twin.studies.b19.comparison import svg
 from hydro_twin.studies.b19.reproduce import EPOCHS_DRAWN
 from hydro_twin.studies.b19.study import PARTS, TITLES
 
-BLOCK = re.compile(r'<!-- ([\w-]+) -->\n(?:.*?\n)?<!-- end -->', re.DOTALL)
+BLOCK = re.compile(r'<!-- ([\w-]+) -->\n(?:(?!<!-- ).*\n)*<!-- end -->')
 NETWORKS = ('mlp', 'hybrid')
 
 

@@ -117,6 +117,8 @@ def test_numbers_are_written_as_in_print() -> None:
 def test_a_page_that_lacks_a_block_is_refused() -> None:
     text = 'a\n\n<!-- one -->\nold\n<!-- end -->\n\nb\n'
     assert filled(text, {'one': 'new'}) == text.replace('old', 'new')
+    empty = text.replace('old\n', '') + text.replace('one', 'next')
+    assert filled(empty, {'one': 'new', 'next': 'x'}).count('new') == 1
     with pytest.raises(UserError, match='it has one'):
         filled(text, {'one': 'new', 'two': 'x'})
 
