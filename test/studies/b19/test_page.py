@@ -12,9 +12,10 @@ import pytest
 from scipy.stats import mannwhitneyu
 
 from hydro_twin.errors import UserError
-from hydro_twin.studies.b19.blocks import blocks, median, number, p_value, PUBLISHED
+from hydro_twin.studies.b19.blocks import PUBLISHED
+from hydro_twin.studies.b19.layout import median, number, p_value
 from hydro_twin.studies.b19.outlook import RIG
-from hydro_twin.studies.b19.page import BLOCK, boxes, filled, learning
+from hydro_twin.studies.b19.page import BLOCK, blocks, boxes, filled, learning
 
 ROOT = Path(__file__).resolve().parents[3]
 PAGE = (ROOT / 'docs' / 'load_simulator.md').read_text(encoding='utf-8')
