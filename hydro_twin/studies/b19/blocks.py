@@ -2,11 +2,11 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
-import math
 from typing import Any
 
 import numpy as np
 
+from hydro_twin.studies.b19.layout import array, median, number, p_value, small, table
 from hydro_twin.studies.b19.study import five_numbers, mann_whitney, PARTS, TITLES
 
 LEVEL = 0.05            # of the Mann-Whitney test
@@ -29,78 +29,11 @@ PUBLISHED_OTHERS = 6.3e-8
 Results = Mapping[str, Any]
 
 
-def blocks(results: Results) -> dict[str, str]:
-    """Write every block of the page that holds figures, by its name."""
-    made = {
-        'one-step': one_step(results),
-        'five-numbers': summaries(results),
-        'p-train': p_values(results, 'train'),
-        'p-test': p_values(results, 'test'),
-        'decay-mlp': decays(results, 'mlp'),
-        'decay-hybrid': decays(results, 'hybrid'),
-        'structure-mlp': structures(results, 'mlp'),
-        'structure-hybrid': structures(results, 'hybrid'),
-        'chosen': chosen(results),
-        'validation': validation(results),
-        'equal': equal(results),
-        'box': box(results),
-        'box-share': box_share(results),
-        'alignment': alignment(results),
-        'optimisers': choices(results['optimisers']),
-        'networks': choices(results['networks']),
-        'range': share_of_range(results),
-        'swapped': swapped(results),
-        'drop': drop(results),
-        'free-run': free_run(results),
-        'free-fit': free_fit(results),
-        'runaway': runaway(results),
-        'gain': gain(results),
-        'nine': nine(results),
-        'mild': mild(results),
-        'findings': findings(results),
-        'frequencies': frequencies(results),
-    }
-    if results['measured']:
-        made['measured'] = measured(results)
-    return made
-
-
-def median(errors: Iterable[float | None]) -> float:
-    """Take the median; None stands for a run that diverged."""
-    return float(five_numbers(_array(errors))[2])
-
-
-def _array(errors: Iterable[float | None]) -> np.ndarray:
-    return np.array([math.inf if error is None else error for error in errors])
-
-
-def table(head: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
-    """Lay out a Markdown table."""
-    lines = [[f' {cell} ' if cell else ' ' for cell in line] for line in (head, *rows)]
-    lines.insert(1, ['---'] * len(head))
-    return '\n'.join(f'|{"|".join(line)}|' for line in lines)
-
-
-def number(value: float, digits: int = 4) -> str:
-    """Write an error to a number of significant digits."""
-    return f'{value:#.{digits}g}'.rstrip('.') if math.isfinite(value) else 'diverged'
-
-
-def p_value(value: float) -> str:
-    """Write a p-value."""
-    return f'{value:.2f}' if value >= 0.01 else small(value, 0)
-
-
-def small(value: float, decimals: int) -> str:
-    """Write a small number with an exponent."""
-    return f'{value:.{decimals}e}'.replace('e-0', 'e-').replace('0e+00', '0')
-
-
 def compared(results: Results, first: str, second: str, part: str = 'test',
              step: str = 'published') -> float:
     """Compare two methods by the Mann-Whitney test on their one-step errors."""
     runs = _networks(results, step)
-    return mann_whitney(*(_array(runs[method][part]['one_step']) for method in (first, second)))
+    return mann_whitney(*(array(runs[method][part]['one_step']) for method in (first, second)))
 
 
 def medians(runs: Mapping[str, Any], part: str, mode: str = 'one_step') -> dict[str, float]:
@@ -113,7 +46,7 @@ def one_step(results: Results) -> str:
     study = results['published']
 
     def extremes(which: int) -> list[str]:
-        return [number(five_numbers(_array(study['runs'][m]['test']['one_step']))[which])
+        return [number(five_numbers(array(study['runs'][m]['test']['one_step']))[which])
                 for m in (*METHODS, 'least_squares')]
 
     rows = []
@@ -134,7 +67,7 @@ def summaries(results: Results) -> str:
     rows = []
     for part in PARTS:
         for method in METHODS:
-            numbers = five_numbers(_array(results['published']['runs'][method][part]['one_step']))
+            numbers = five_numbers(array(results['published']['runs'][method][part]['one_step']))
             rows.append([part, TITLES[method], *map(number, numbers)])
     return table(['', '', 'min', 'Q1', 'median', 'Q3', 'max'], rows)
 
@@ -215,7 +148,7 @@ def equal(results: Results) -> str:
 
 
 def _against(results: Results, mlp: str, hybrid: str, name: str) -> str:
-    errors = [_array(_networks(results, step)[kind]['test']['one_step'])
+    errors = [array(_networks(results, step)[kind]['test']['one_step'])
               for kind, step in (('mlp', mlp), ('hybrid', hybrid))]
     medians = [number(float(np.median(found))) for found in errors]
     return f'{name}: {medians[0]} and {medians[1]} in test, p = {p_value(mann_whitney(*errors))}'
@@ -354,7 +287,7 @@ def free_fit(results: Results) -> str:
 
 def runaway(results: Results) -> str:
     """Say how far the networks' free runs leave the measurement at worst."""
-    errors = {kind: _array(results['swapped']['runs'][kind]['test']['free_run'])
+    errors = {kind: array(results['swapped']['runs'][kind]['test']['free_run'])
               for kind in ('mlp', 'hybrid')}
     diverged = sum(int(np.isinf(found).sum()) for found in errors.values())
     return (f'Trained on the swapped part, the worst hybrid has a free-run error of '
@@ -385,54 +318,6 @@ def mild(results: Results) -> str:
     each = (f'`{name}` linear {found["least_squares"]:.3f}, MLP {median(found["mlp"]):.3f}'
             for name, found in results['mild'].items())
     return f'{"; ".join(each)}.'
-
-
-def _verdict(holds: bool, otherwise: str = 'Does not reappear') -> str:
-    return '**Reappears**' if holds else f'**{otherwise}**'
-
-
-def findings(results: Results) -> str:
-    """Judge the paper's findings by the figures here."""
-    study = results['published']
-    train, test_part = (medians(study['runs'], part) for part in PARTS)
-    best = min(test_part[m] for m in OPTIMISERS)
-    ratios = [best / median(results['chosen'][kind]['test']['one_step'])
-              for kind in ('mlp', 'hybrid')]
-    worst_p = max(compared(results, m, n) for m in OPTIMISERS for n in ('mlp', 'hybrid'))
-    close = {part: max(found[m] for m in ('ea', 'bees', 'pso'))
-             / min(found[m] for m in ('ea', 'bees', 'pso')) - 1
-             for part, found in (('train', train), ('test', test_part))}
-    behind = test_part['random'] / max(test_part[m] for m in ('ea', 'bees', 'pso')) - 1
-    p_pso = compared(results, 'pso', 'bees')
-    burst = {m: 100 * (train[m] / test_part[m] - 1) for m in ('pso', 'mlp', 'hybrid')}
-    p_equal = compared(results, 'mlp', 'hybrid', step='chosen')
-    gain = train['pso'] - study['runs']['least_squares']['train']['one_step'][0]
-    difference = 100 * (test_part['bees'] / test_part['pso'] - 1)
-    found = {
-        'The networks are about 3.5 times better than the best linear model':
-            f'{_verdict(min(ratios) > 2)}: {ratios[0]:.1f} times (MLP), {ratios[1]:.1f} times '
-            f'(hybrid), with settings chosen on validation data; p = {p_value(worst_p)} at most '
-            'for any network against any linear model.',
-        'The linear model lacks effects, not tuning':
-            '**Half**: the optimisers have nothing left to find in their box; least squares ends '
-            f'{gain:.4f} below the median of PSO in training. But most of what 14 free '
-            'coefficients, as linear as the model, gain over it is the box itself (see below).',
-        'EA, BA and PSO are equal in practice, random search is worse':
-            f'{_verdict(behind > 0.02 > close["test"])}: within {100 * close["train"]:.1f} % of '
-            f'each other in training and {100 * close["test"]:.1f} % in test, random search '
-            f'{100 * behind:.0f} % behind.',
-        'BA is significantly better than PSO in test (p = 4e-4)':
-            f'{_verdict(difference < 0 and p_pso < LEVEL, "Reversed")}: PSO '
-            f'{number(test_part["pso"])}, BA {number(test_part["bees"])}, '
-            f'p = {p_value(p_pso)}. The difference is {abs(difference):.1f} %.',
-        'Linear models do worse in training than in test, because of the burst; networks do not':
-            f'{_verdict(burst["pso"] > 5 > burst["mlp"])}, weaker: PSO is {burst["pso"]:.0f} % '
-            f'worse in training (71 % in the paper), MLP {burst["mlp"]:+.0f} %, hybrid '
-            f'{burst["hybrid"]:+.0f} %.',
-        'MLP and hybrid are equal (p = 0.48)':
-            f'{_verdict(p_equal > LEVEL, "Hangs on the structure")}. {equal(results)}',
-    }
-    return table(['finding of [B19]', 'here'], found.items())
 
 
 NAMES = {'persistence': 'last sample', 'unconstrained': '14 free', 'least_squares': 'LS',

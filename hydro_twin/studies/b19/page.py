@@ -10,12 +10,13 @@ from typing import Any
 from matplotlib.figure import Figure
 
 from hydro_twin.errors import UserError
-from hydro_twin.studies.b19.blocks import blocks
+from hydro_twin.studies.b19 import blocks as b
 from hydro_twin.studies.b19.comparison import svg
+from hydro_twin.studies.b19.findings import findings
 from hydro_twin.studies.b19.reproduce import EPOCHS_DRAWN
 from hydro_twin.studies.b19.study import PARTS, TITLES
 
-BLOCK = re.compile(r'<!-- ([\w-]+) -->\n(?:.*?\n)?<!-- end -->', re.DOTALL)
+BLOCK = re.compile(r'<!-- ([\w-]+) -->\n(?:(?!<!-- ).*\n)*<!-- end -->')
 NETWORKS = ('mlp', 'hybrid')
 
 
@@ -32,6 +33,42 @@ def write_page(results: Mapping[str, Any], folder: Path) -> None:
     for name, drawing in (('learning', learning(results)), ('boxes', boxes(results))):
         (folder / 'img' / f'load_simulator_{name}.svg').write_text(drawing, encoding='utf-8')
     page.write_text(text, encoding='utf-8')
+
+
+def blocks(results: Mapping[str, Any]) -> dict[str, str]:
+    """Write every block of the page that holds figures, by its name."""
+    made = {
+        'one-step': b.one_step(results),
+        'five-numbers': b.summaries(results),
+        'p-train': b.p_values(results, 'train'),
+        'p-test': b.p_values(results, 'test'),
+        'decay-mlp': b.decays(results, 'mlp'),
+        'decay-hybrid': b.decays(results, 'hybrid'),
+        'structure-mlp': b.structures(results, 'mlp'),
+        'structure-hybrid': b.structures(results, 'hybrid'),
+        'chosen': b.chosen(results),
+        'validation': b.validation(results),
+        'equal': b.equal(results),
+        'box': b.box(results),
+        'box-share': b.box_share(results),
+        'alignment': b.alignment(results),
+        'optimisers': b.choices(results['optimisers']),
+        'networks': b.choices(results['networks']),
+        'range': b.share_of_range(results),
+        'swapped': b.swapped(results),
+        'drop': b.drop(results),
+        'free-run': b.free_run(results),
+        'free-fit': b.free_fit(results),
+        'runaway': b.runaway(results),
+        'gain': b.gain(results),
+        'nine': b.nine(results),
+        'mild': b.mild(results),
+        'findings': findings(results),
+        'frequencies': b.frequencies(results),
+    }
+    if results['measured']:
+        made['measured'] = b.measured(results)
+    return made
 
 
 def filled(text: str, made: Mapping[str, str]) -> str:

@@ -12,9 +12,10 @@ import pytest
 from scipy.stats import mannwhitneyu
 
 from hydro_twin.errors import UserError
-from hydro_twin.studies.b19.blocks import blocks, median, number, p_value, PUBLISHED
+from hydro_twin.studies.b19.blocks import PUBLISHED
+from hydro_twin.studies.b19.layout import median, number, p_value
 from hydro_twin.studies.b19.outlook import RIG
-from hydro_twin.studies.b19.page import BLOCK, boxes, filled, learning
+from hydro_twin.studies.b19.page import BLOCK, blocks, boxes, filled, learning
 
 ROOT = Path(__file__).resolve().parents[3]
 PAGE = (ROOT / 'docs' / 'load_simulator.md').read_text(encoding='utf-8')
@@ -117,6 +118,8 @@ def test_numbers_are_written_as_in_print() -> None:
 def test_a_page_that_lacks_a_block_is_refused() -> None:
     text = 'a\n\n<!-- one -->\nold\n<!-- end -->\n\nb\n'
     assert filled(text, {'one': 'new'}) == text.replace('old', 'new')
+    empty = text.replace('old\n', '') + text.replace('one', 'next')
+    assert filled(empty, {'one': 'new', 'next': 'x'}).count('new') == 1
     with pytest.raises(UserError, match='it has one'):
         filled(text, {'one': 'new', 'two': 'x'})
 
