@@ -59,7 +59,7 @@ def optimisers(
     parts: Mapping[str, Part], plant: Plant, constants: Mapping[str, float], seeds: Sequence[int],
 ) -> dict[str, Errors]:
     """Run the optimisers with each choice; one-step errors by choice."""
-    coefficients = coefficients_of(plant, constants, plant.sample_time)
+    coefficients = coefficients_of(plant, constants, parts['train'].recording.sample_time)
     lower, upper = np.array([(p.lower, p.upper) for p in plant.parameters]).T
     objective = one_step_error(parts['train'].factor, coefficients)
     found = {}
@@ -83,7 +83,8 @@ def box(
     lower, upper = np.array([(p.lower, p.upper) for p in plant.parameters]).T
 
     def fitted(factor: float, constants: Mapping[str, float]) -> dict[str, Any]:
-        coefficients = coefficients_of(plant, constants, plant.sample_time)
+        coefficients = coefficients_of(plant, constants,
+                                       parts['train'].recording.sample_time)
         low, high = lower / factor, upper * factor
         best = least_squares(parts['train'].factor, coefficients, names, plant.combinations, low,
                              high, seed).best
@@ -120,7 +121,7 @@ def aligned(
     inputs = [signal.name for signal in plant.inputs]
     late = {name: delayed(recording, inputs) for name, recording in parts.items()}
     made = {name: make_part(name, recording, plant) for name, recording in late.items()}
-    coefficients = coefficients_of(plant, constants, plant.sample_time)
+    coefficients = coefficients_of(plant, constants, parts['train'].sample_time)
     best = fit_one_step('least_squares', made['train'].factor, coefficients, plant, seeds[0]).best
     rows = {'least_squares': coefficients(best[None])[0],
             'unconstrained': made['train'].factor.best()}
@@ -138,9 +139,10 @@ def networks(
     """Train the networks of Table 3 with another output, scale or base; errors by choice."""
     models = network_models(parts['train'], plant, constants, seeds[0])
     factor = make_part('training', parts['train'], plant).factor
-    coefficients = coefficients_of(plant, constants, plant.sample_time)
+    coefficients = coefficients_of(plant, constants, parts['train'].sample_time)
     bees_runs = [fit_one_step('bees', factor, coefficients, plant, seed) for seed in seeds]
-    base = model_of('hybrid', min(bees_runs, key=lambda run: run.error).best, plant, constants)
+    base = model_of('hybrid', min(bees_runs, key=lambda run: run.error).best, plant, constants,
+                    parts['train'].sample_time)
     mlp, hybrid = (problems_of(models[kind], parts) for kind in ('mlp', 'hybrid'))
     coarse = {part: replace(problem, output_scale=plant.output_scale)
               for part, problem in hybrid.items()}

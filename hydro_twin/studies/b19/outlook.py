@@ -55,7 +55,6 @@ def leg(data: Path, folder: Path, plant: str) -> tuple[list[Recording], Rig]:
 
     config = share_folder() / 'config' / 'measured'
     rig = rig_of(plant_named(plant), config / 'leg_rig.yaml')
-    rig = replace(rig, plant=replace(rig.plant, sample_time=rig.sample_time))
     for name in LEG:
         if not (folder / name).exists():
             import_.run(_parsed(import_, [str(data / f'{name}.csv.gz'), '-o', str(folder / name),
@@ -114,7 +113,7 @@ def predictors(
     plant, constants = rig.plant, rig.constants
     parts = {name: make_part(name, recording, plant) for name, recording in tests.items()}
     factor = make_part('training', train, plant).factor
-    empty = Model(plant, {}, constants, plant.sample_time, 'mlp')
+    empty = Model(plant, {}, constants, train.sample_time, 'mlp')
     found: dict[str, Errors] = {
         'persistence': {name: {'one_step': [part.factor.persistence()]}
                         for name, part in parts.items()},
@@ -122,9 +121,9 @@ def predictors(
     models = {'mlp': empty, 'gru': replace(empty, kind='gru')}
     if 'least_squares' in kinds:
         best = fit_one_step('least_squares', factor,
-                            coefficients_of(plant, constants, plant.sample_time), plant,
+                            coefficients_of(plant, constants, train.sample_time), plant,
                             seeds[0]).best
-        base = model_of('analytical', best, plant, constants)
+        base = model_of('analytical', best, plant, constants, train.sample_time)
         models['hybrid'] = replace(base, kind='hybrid')
         found['least_squares'] = _scored([Analytical(base)], train, tests)
     for kind in kinds:

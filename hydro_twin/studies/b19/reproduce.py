@@ -16,10 +16,11 @@ from hydro_twin.fitting.coefficients import coefficients_of
 from hydro_twin.fitting.network import SETTINGS, Settings
 from hydro_twin.fitting.network_search import choose, Scores
 from hydro_twin.fitting.populations import fit_one_step
-from hydro_twin.fitting.refit import errors_of, fit_physics
+from hydro_twin.fitting.refit import fit_physics
 from hydro_twin.model import Model
 from hydro_twin.plants import plant_named
 from hydro_twin.predictors.analytical import Analytical
+from hydro_twin.predictors.scores import errors_of
 from hydro_twin.recording.series import Recording, split
 from hydro_twin.share import share_folder
 from hydro_twin.studies.b19 import choices, outlook
@@ -137,8 +138,9 @@ def physics(job: Job) -> dict[str, Any]:
                                    'one_step', 0)
     return {name: {
         'parameters': {key: estimate.value for key, estimate in fit.estimates.items()},
-        'errors': errors_of(Analytical(Model(plant, fit.estimates, constants, plant.sample_time)),
-                            job.recordings['train'], job.recordings['test'])}
+        'errors': errors_of(Analytical(Model(
+            plant, fit.estimates, constants, job.recordings['train'].sample_time)),
+                            job.recordings)}
         for name, fit in fits.items()}
 
 
@@ -150,8 +152,7 @@ def mild(job: Job) -> dict[str, Any]:
         recordings = {'train': train, 'test': test}
         factors = {part: make_part(part, recording, job.rig.plant).factor
                    for part, recording in recordings.items()}
-        coefficients = coefficients_of(job.rig.plant, job.rig.constants,
-                                       job.rig.plant.sample_time)
+        coefficients = coefficients_of(job.rig.plant, job.rig.constants, train.sample_time)
         best = fit_one_step('least_squares', factors['train'], coefficients, job.rig.plant, 0).best
         mlp = network_models(train, job.rig.plant, job.rig.constants, 0)['mlp']
         found[name] = {

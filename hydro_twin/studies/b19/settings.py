@@ -21,9 +21,9 @@ def network_models(
     """Make what the MLP and the hybrid are trained for; the hybrid is on least squares."""
     factor = make_part('training', train, plant).factor
     best = fit_one_step('least_squares', factor,
-                        coefficients_of(plant, constants, plant.sample_time), plant, seed).best
-    return {'mlp': Model(plant, {}, constants, plant.sample_time, 'mlp'),
-            'hybrid': model_of('hybrid', best, plant, constants)}
+                        coefficients_of(plant, constants, train.sample_time), plant, seed).best
+    return {'mlp': Model(plant, {}, constants, train.sample_time, 'mlp'),
+            'hybrid': model_of('hybrid', best, plant, constants, train.sample_time)}
 
 
 def searches(
