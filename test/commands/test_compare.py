@@ -83,7 +83,7 @@ def test_searches_the_settings_on_the_training_part(
     pytest.importorskip('torch')
     from hydro_twin.fitting.network_search import search
     monkeypatch.setattr('hydro_twin.studies.b19.settings.search', partial(
-        search, decays=(0.0, 1e-6), structures=((1,), (4,)), repeats=4))
+        search, decays=(0.0,), structures=((1,), (4,)), repeats=2))
     out = tmp_path / 'out'
     assert compare(bag(tmp_path / 'bag', 450), out, '--runs', '1', '--search', '--json') == 0
     settings = json.loads(capsys.readouterr().out)['settings']
