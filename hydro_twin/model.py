@@ -17,6 +17,7 @@ from hydro_twin.plants import Plant, plant_named, Port
 
 FORMAT = 1
 NOT_IDENTIFIABLE = 'not identifiable'
+HELD = 'held'
 NOT_EXPLAINED = 'not explained'
 KINDS = ('analytical', 'mlp', 'hybrid')
 
@@ -28,11 +29,13 @@ class Estimate:
     Attributes:
         std_error: standard error in the parameter's unit; None where it is not known.
         identifiable: whether the data determine it at all (alone, not only in a combination).
+        held: whether it was taken as known, and not fitted.
     """
 
     value: float
     std_error: float | None = None
     identifiable: bool = True
+    held: bool = False
 
 
 @dataclass(frozen=True)
@@ -165,7 +168,8 @@ def document(model: Model) -> dict[str, Any]:
                       for name, value in model.constants.items()},
         'parameters': {
             name: {'value': p.value, 'unit': units[name],
-                   'std_error': p.std_error if p.identifiable else NOT_IDENTIFIABLE}
+                   'std_error': HELD if p.held else p.std_error if p.identifiable
+                   else NOT_IDENTIFIABLE}
             for name, p in model.parameters.items()},
         'timing': dict(model.timing),
         'effects': [{
@@ -241,8 +245,8 @@ def _from_document(raw: Mapping[str, Any]) -> Model:
         spread = p.get('std_error')
         estimates[name] = Estimate(
             _number(name, p['value']),
-            None if spread in (None, NOT_IDENTIFIABLE) else _number(name, spread),
-            spread != NOT_IDENTIFIABLE)
+            None if spread in (None, NOT_IDENTIFIABLE, HELD) else _number(name, spread),
+            spread not in (NOT_IDENTIFIABLE, HELD), spread == HELD)
     kind = raw.get('predictor', 'analytical')
     if kind not in KINDS:
         raise ModelError(f'predictor {kind!r}; there are {", ".join(KINDS)}')

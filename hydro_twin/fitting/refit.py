@@ -6,7 +6,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from hydro_twin.errors import DataError, UserError
+from hydro_twin.effects import Placed
+from hydro_twin.errors import UserError
 from hydro_twin.fitting.candidate import parts_of
 from hydro_twin.fitting.coefficients import coefficients_of
 from hydro_twin.fitting.free_run import fit_linear
@@ -25,7 +26,7 @@ from hydro_twin.predictors.scores import pooled, rms
 from hydro_twin.recording.series import Recording
 
 CRITERIA = ('free_run', 'one_step')
-METHODS = ('least_squares', *POPULATIONS, 'network')
+METHODS = ('least_squares', *POPULATIONS)
 
 Errors = dict[str, dict[str, float]]        # mode -> part -> RMS error, in the output's unit
 
@@ -43,8 +44,9 @@ class Physics:
 
 
 def fit_physics(train: Recording, plant: Plant, constants: Mapping[str, float], method: str,
-                criterion: str, seed: int) -> Physics:
-    """Fit the parameters of the plant without effects, within the search box.
+                criterion: str, seed: int, held: Mapping[str, float] | None = None,
+                effects: tuple[Placed, ...] = ()) -> Physics:
+    """Fit the parameters of the plant within the search box.
 
     Args:
         train: the recording to fit.
@@ -53,56 +55,49 @@ def fit_physics(train: Recording, plant: Plant, constants: Mapping[str, float], 
         method: one of METHODS.
         criterion: one of CRITERIA, for least squares; the others have theirs.
         seed: of all that is random.
+        held: parameters taken as known, by name.
+        effects: known ones; the free run has them, one step is of the linear laws.
 
     Raises:
-        UserError: the method is not for this plant, or knows another criterion only.
+        UserError: the method knows another criterion only, or a held parameter is not one.
         DataError: the samples do not allow it.
     """
-    if method == 'network':
-        return _published(train, plant, seed)
+    held = held or {}
+    free = plant.holding(held)
+    constants = {**constants, **held}
     if method == 'least_squares' and criterion == 'free_run':
-        fit = fit_linear(plant, parts_of(train, plant), constants, plant.sample_time, 'box',
-                         timing=False, seed=seed)
+        fit = fit_linear(free, parts_of(train, free), constants, plant.sample_time, 'box',
+                         timing=False, seed=seed, effects=effects)
         known = fit.identifiability()
-        values = {p.name: fit.candidate.values[p.name] for p in plant.parameters}
+        values = {p.name: fit.candidate.values[p.name] for p in free.parameters}
     elif criterion == 'one_step':
-        names = [p.name for p in plant.parameters]
+        names = [p.name for p in free.parameters]
         inputs = [signal.name for signal in plant.inputs]
-        coefficients = coefficients_of(plant, constants, plant.sample_time)
+        coefficients = coefficients_of(free, constants, plant.sample_time)
         factor = regression(train.series, plant.output.name, inputs, plant.order)
-        best = search(method, factor, coefficients, plant, seed).best
-        lower, upper = np.array([(p.lower, p.upper) for p in plant.parameters]).T
+        best = search(method, factor, coefficients, free, seed).best
+        lower, upper = np.array([(p.lower, p.upper) for p in free.parameters]).T
         known = assess(sensitivities(train.series, plant.output.name, inputs, plant.order,
                                      coefficients, best),
-                       names, plant.combinations, at_bound(names, best, lower, upper))
+                       names, free.combinations, at_bound(names, best, lower, upper))
         values = dict(zip(names, best.tolist(), strict=True))
     else:
         raise UserError(f'--method {method} minimises the one-step error, as in [B19]; '
                         'only least_squares knows --criterion free_run')
-    return Physics({name: _estimate(value, known.std_error[name])
-                    for name, value in values.items()}, known)
+    estimates = {name: _estimate(value, known.std_error[name])
+                 for name, value in values.items()} | held_estimates(held)
+    return Physics({p.name: estimates[p.name] for p in plant.parameters}, known)
+
+
+def held_estimates(held: Mapping[str, float]) -> dict[str, Estimate]:
+    """Say of parameters that they were taken as known."""
+    return {name: Estimate(value, identifiable=False, held=True) for name, value in held.items()}
 
 
 def _estimate(value: float, relative: float | None) -> Estimate:
     """Join a value and its relative standard error, None where the data do not tell it."""
     return Estimate(float(value), None if relative is None else float(value * relative),
                     relative is not None)
-
-
-def _published(train: Recording, plant: Plant, seed: int) -> Physics:
-    """Fit the valve servo by the network method of [L18]."""
-    from hydro_twin.valve.linear_loop import PUBLISHED
-    from hydro_twin.valve.published_method import fit_published
-
-    if plant.name != 'valve_servo':
-        raise UserError(f'--method network is that of [L18] for the valve_servo, '
-                        f'not for {plant.name}')
-    found = fit_published(train, PUBLISHED.k_1, seed).exact
-    if isinstance(found, str):
-        raise DataError(f'{found}; --method least_squares fits the parameters themselves')
-    fastest = {p.name: p.lower for p in plant.parameters}       # for a lag that is too fast to see
-    return Physics({name: Estimate(fastest[name], None, False) if np.isnan(value)
-                    else Estimate(value) for name, value in found._asdict().items()}, None)
 
 
 def network_problem(train: Recording, model: Model) -> Problem:

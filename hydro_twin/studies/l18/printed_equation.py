@@ -8,7 +8,7 @@ from __future__ import annotations
 from math import sqrt
 
 from hydro_twin.errors import DataError
-from hydro_twin.valve.linear_loop import LoopParameters, Weights
+from hydro_twin.studies.l18.linear_loop import LoopParameters, Weights
 
 
 def printed_weights(T_y: float, T_c: float, tau: float, k_1: float, T: float) -> Weights:

@@ -1,7 +1,7 @@
-"""Make the demonstration recordings of the valve: steps, steps into the limit, and an event.
+"""Make the sample recordings of the valve: steps, steps into the limit, and an event.
 
-Run it as `python -m hydro_twin.valve.demonstration FOLDER`. The servo is as published in [L18];
-noise and resolution are those of a plant's own data acquisition.
+Run it as `python -m hydro_twin.studies.l18.demonstration FOLDER`. The servo is as published in
+[L18]; noise and resolution are those of a plant's own data acquisition.
 """
 from __future__ import annotations
 
@@ -19,15 +19,17 @@ from hydro_twin.recording.signals import load_signals
 from hydro_twin.recording.write import write_recording
 from hydro_twin.simulation.sensor import measure
 from hydro_twin.simulation.simulate import simulate
-from hydro_twin.valve.closed_loop import run_loop
-from hydro_twin.valve.event import LOAD, load_loop_constants, simulated_frequency
+from hydro_twin.studies.l18.closed_loop import run_loop
+from hydro_twin.studies.l18.event import load_loop_constants, simulated_frequency
+from hydro_twin.studies.l18.servo_model import published
 from hydro_twin.valve.flow_characteristic import default_characteristic, FlowCharacteristic
-from hydro_twin.valve.servo_model import published, with_limit
+from hydro_twin.valve.limit import with_limit
 
 NOISE = 5e-4            # standard deviation, of nominal
 RESOLUTION = 5e-4       # of nominal: 11 bits
 FREQUENCY_RESOLUTION = 1e-3     # Hz
 EVENT_SAMPLE_TIME = 0.05        # s
+LOAD = 1.0              # of nominal: with 6 % more the valve is at the end of its travel
 STEPS = (0.0, 0.6, 0.4, 0.8, 0.7, 0.9, 0.5, 0.5)        # commands, below the limit
 LIMIT_STEPS = (0.0, 0.9, 1.08, 0.8, 1.1, 0.95, 1.09, 0.7)       # with d_1 = 1.05
 HOLD = 1.0              # s
@@ -37,7 +39,7 @@ BEGIN = 1_000_000_000_000       # stamp of the first sample [ns]
 def main(arguments: Sequence[str] | None = None) -> int:
     """Write the recordings; 2 after an error of the user's."""
     parser = argparse.ArgumentParser(
-        prog='python -m hydro_twin.valve.demonstration',
+        prog='python -m hydro_twin.studies.l18.demonstration',
         description='Writes the bags valve_steps, valve_limit and valve_event.')
     parser.add_argument('folder', type=Path, metavar='FOLDER', help='where the bags go')
     args = parser.parse_args(arguments)
@@ -60,7 +62,7 @@ def write_demonstration(folder: Path) -> None:
     servo_signals = load_signals('valve_servo', ('command', 'opening'))
     loop_signals = load_signals('frequency_control', ('frequency', 'power', 'opening'))
     about = {'origin': 'simulated: valve servo with the parameters of [L18], '
-                       'python -m hydro_twin.valve.demonstration'}
+                       'python -m hydro_twin.studies.l18.demonstration'}
     for name, levels in (('valve_steps', STEPS), ('valve_limit', LIMIT_STEPS)):
         steps = measured(simulated_steps(levels, curve), ['opening'], rng)
         write_recording(folder / name, [steps], servo_signals, about)

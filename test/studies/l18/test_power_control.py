@@ -1,7 +1,7 @@
 """Droop against its definition, and the PID at its limit."""
 import pytest
 
-from hydro_twin.valve.power_control import CONSTANTS, power_asked, PowerControl
+from hydro_twin.studies.l18.power_control import CONSTANTS, power_asked, PowerControl
 
 V = {constant.name: constant.value for constant in CONSTANTS}
 

@@ -9,6 +9,8 @@ CONSTANTS = (   # droop and dead band as usual for large units (GB/T 30370-2013)
     Constant('f_n', 'nominal frequency', 'Hz', 50.0),
     Constant('droop', 'share of f_n that asks for all the nominal power', '1', 0.05),
     Constant('dead_band', 'deviation of frequency that asks for nothing', 'Hz', 0.033),
+    # As usual for units of 500 MW and more, of their nominal power (GB/T 30370-2013).
+    Constant('amplitude', 'largest power that frequency asks for, up or down', '1', 0.06),
     Constant('K_P', 'proportional gain, opening by power', '1', 0.5),
     Constant('K_I', 'integral gain', '1/s', 0.2),
     Constant('K_D', 'derivative gain', 's', 0.1),
@@ -18,7 +20,7 @@ CONSTANTS = (   # droop and dead band as usual for large units (GB/T 30370-2013)
 
 
 def power_asked(frequency: float, load: float, values: Mapping[str, float]) -> float:
-    """Compute the power that droop asks for [1].
+    """Compute the power that droop asks for, within the amplitude limit [1].
 
     Args:
         frequency: of the grid [Hz].
@@ -28,7 +30,8 @@ def power_asked(frequency: float, load: float, values: Mapping[str, float]) -> f
     deviation = frequency - values['f_n']
     beyond = max(abs(deviation) - values['dead_band'], 0.0)
     sign = 1.0 if deviation > 0 else -1.0
-    return load - sign * beyond / (values['droop'] * values['f_n'])
+    asked = min(beyond / (values['droop'] * values['f_n']), values['amplitude'])
+    return load - sign * asked
 
 
 class PowerControl:

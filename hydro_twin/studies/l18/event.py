@@ -9,10 +9,10 @@ from hydro_twin.errors import UserError
 from hydro_twin.recording.series import FloatArray
 from hydro_twin.recording.signals import load_parameters, number
 from hydro_twin.share import share_folder
-from hydro_twin.valve import power_control, turbine
+from hydro_twin.studies.l18 import power_control, turbine
 
 CONSTANTS = (*power_control.CONSTANTS, *turbine.CONSTANTS)
-LOAD = 0.97             # of nominal, in the event that is simulated without a bag
+LOAD = 0.89             # of nominal, at rest: figure 13 of [L18] goes from 890 to 950 MW
 EVENT = ((0.0, 0.0), (5.0, 0.0), (8.0, -0.2), (90.0, -0.2))     # time [s], deviation [Hz]
 
 

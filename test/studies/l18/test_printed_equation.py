@@ -2,8 +2,8 @@
 import pytest
 
 from hydro_twin.errors import DataError
-from hydro_twin.valve.linear_loop import PUBLISHED, Weights
-from hydro_twin.valve.printed_equation import parameters_as_printed, printed_weights
+from hydro_twin.studies.l18.linear_loop import PUBLISHED, Weights
+from hydro_twin.studies.l18.printed_equation import parameters_as_printed, printed_weights
 
 TABLE_1 = Weights((7.98e-5, 8.01e-5), (1.96, -0.962, 0.00255))     # [L18]
 

@@ -7,9 +7,9 @@ from scipy.integrate import solve_ivp
 
 from hydro_twin.errors import DataError
 from hydro_twin.recording.series import Recording, Series
-from hydro_twin.valve.figures import draw_residual, residual_figures
-from hydro_twin.valve.linear_loop import LoopParameters, PUBLISHED
-from hydro_twin.valve.published_method import fit_published, prepare, PublishedFit
+from hydro_twin.studies.l18.figures import draw_residual, residual_figures
+from hydro_twin.studies.l18.linear_loop import LoopParameters, PUBLISHED
+from hydro_twin.studies.l18.published_method import fit_published, prepare, PublishedFit
 
 T = 0.005
 LEVELS = (0.3, 0.3, 0.6, 0.4, 0.8, 0.5, 0.5, 0.5)       # each held for 0.75 s, rest at both ends

@@ -6,9 +6,9 @@ import pytest
 
 from hydro_twin.recording.read import read_recording
 from hydro_twin.recording.signals import load_signals
-from hydro_twin.valve import event
-from hydro_twin.valve.demonstration import main, NOISE, RESOLUTION
-from hydro_twin.valve.frequency_control import compare
+from hydro_twin.studies.l18 import event
+from hydro_twin.studies.l18.demonstration import main, NOISE, RESOLUTION
+from hydro_twin.studies.l18.frequency_control import compare
 
 
 @pytest.fixture(scope='module')

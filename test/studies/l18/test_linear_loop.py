@@ -5,7 +5,7 @@ from scipy.integrate import solve_ivp
 from scipy.signal import cont2discrete, lfilter
 
 from hydro_twin.errors import DataError
-from hydro_twin.valve.linear_loop import (
+from hydro_twin.studies.l18.linear_loop import (
     exact_equivalent,
     LoopParameters,
     parameters_from_poles,

@@ -10,9 +10,9 @@ import numpy as np
 from hydro_twin.errors import DataError
 from hydro_twin.predictors.predictor import Predictor
 from hydro_twin.recording.series import FloatArray
+from hydro_twin.studies.l18.power_control import power_asked, PowerControl
+from hydro_twin.studies.l18.turbine import Turbine
 from hydro_twin.valve.flow_characteristic import FlowCharacteristic
-from hydro_twin.valve.power_control import power_asked, PowerControl
-from hydro_twin.valve.turbine import Turbine
 
 STEADY_SHARE = 0.1      # of a run, its end, over which a steady error is taken
 
@@ -63,12 +63,15 @@ def agreement(measured: FloatArray, simulated: FloatArray) -> dict[str, float]:
 
     Returns:
         `fit_percent`: 100 (1 - |y - yhat| / |y - mean y|); `steady_error_percent`: mean of
-        yhat - y over the last tenth, of nominal.
+        yhat - y over the last tenth, of nominal; `relative_error_percent`: of the mean of y
+        there.
     """
     spread = np.linalg.norm(measured - measured.mean())
     distance = np.linalg.norm(measured - simulated)
     end = slice(-max(1, round(STEADY_SHARE * len(measured))), None)
+    error, level = np.mean(simulated[end] - measured[end]), np.mean(measured[end])
     return {
         'fit_percent': float(100 * (1 - distance / spread)) if spread > 0 else math.nan,
-        'steady_error_percent': float(100 * np.mean(simulated[end] - measured[end])),
+        'steady_error_percent': float(100 * error),
+        'relative_error_percent': float(100 * error / level) if level else math.nan,
     }

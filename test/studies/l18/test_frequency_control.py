@@ -5,8 +5,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from hydro_twin.valve import event
-from hydro_twin.valve.frequency_control import main
+from hydro_twin.studies.l18 import event
+from hydro_twin.studies.l18.frequency_control import main
 
 
 def test_without_a_bag_the_linear_servo_overshoots_the_limit(

@@ -6,10 +6,10 @@ import pytest
 
 from hydro_twin.recording.signals import load_signals
 from hydro_twin.recording.write import write_recording
-from hydro_twin.valve.demonstration import simulated_steps, STEPS
+from hydro_twin.studies.l18.demonstration import simulated_steps, STEPS
 from hydro_twin.valve.flow_characteristic import default_characteristic
-from hydro_twin.valve.identify import main
-from hydro_twin.valve.linear_loop import PUBLISHED
+from hydro_twin.studies.l18.identify import main
+from hydro_twin.studies.l18.linear_loop import PUBLISHED
 
 
 @pytest.fixture(scope='module')

@@ -5,7 +5,7 @@ weights are those of a difference equation (11, 12); target and output pass a lo
 """
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 
 import numpy as np
@@ -13,12 +13,14 @@ from scipy.signal import butter, lfilter, lfiltic, sosfiltfilt
 from scipy.special import expit
 
 from hydro_twin.errors import DataError
+from hydro_twin.predictors.scores import rms
 from hydro_twin.recording.series import FloatArray, Recording, Series
-from hydro_twin.valve.linear_loop import LoopParameters, parameters_from_poles, Weights
-from hydro_twin.valve.networks import train_bp, train_rbf
-from hydro_twin.valve.printed_equation import parameters_as_printed
+from hydro_twin.studies.l18.direct import Nearest, nearest_loop
+from hydro_twin.studies.l18.linear_loop import LoopParameters, parameters_from_poles, Weights
+from hydro_twin.studies.l18.networks import train_bp, train_rbf
+from hydro_twin.studies.l18.printed_equation import parameters_as_printed
 
-Mapping = Callable[[Weights, float, float], LoopParameters]
+Reading = Callable[[Weights, float, float], LoopParameters]
 
 TRAIN, TEST = 600, 100      # samples, in time order
 LAGS = 3
@@ -36,19 +38,35 @@ class Prepared:
     """The filtered window that the networks see, scaled to [0, 1].
 
     Attributes:
-        regressors: shape (samples - 3, 5), the inputs of the network.
+        past: u(k-1) to u(k-3), then y(k-1) to y(k-3), shape (samples - 3, 6).
         target: y(k), shape (samples - 3,).
         train: how many of them, from the first, train.
         low, high: what 0 and 1 stand for [1].
         sample_time: distance of two samples [s].
+        raw: the opening of the window before the filter [1], shape (samples - 3,).
     """
 
-    regressors: FloatArray
+    past: FloatArray
     target: FloatArray
     train: int
     low: float
     high: float
     sample_time: float
+    raw: FloatArray
+
+    @property
+    def regressors(self) -> FloatArray:
+        """The inputs of the network, u(k-1), u(k-2), y(k-1) to y(k-3), (samples - 3, 5)."""
+        return self.past[:, [0, 1, 3, 4, 5]]
+
+    @property
+    def opening(self) -> FloatArray:
+        """The filtered opening [1], shape (samples - 3,)."""
+        return self.unscaled(self.target)
+
+    def unscaled(self, scaled: FloatArray) -> FloatArray:
+        """Take the scaling to [0, 1] back."""
+        return self.low + (self.high - self.low) * scaled
 
 
 @dataclass(frozen=True)
@@ -56,32 +74,34 @@ class PublishedFit:
     """What the published method found.
 
     Attributes:
+        data: the window it was found on.
         weights: of the difference equation.
         printed: parameters by eq. 3 as printed, or why there are none.
         exact: parameters read from the poles, or why there are none.
-        opening: the filtered opening of the window [1], shape (samples - 3,).
-        predictions: one-step prediction [1] of each network: 5-1-1, rbf, bp, the same shape.
-        free_run: the 5-1-1 network on its own past [1], the same shape; the test part starts
-            anew from the measured opening.
-        train: how many of the samples trained.
-        sample_time: distance of two samples [s].
+        nearest: the loop that predicts most nearly what the weights predict.
+        predicted: one-step prediction [1] of the 5-1-1 network, shape (samples - 3,).
+        free_run: that network on its own past [1], the same shape; the test part starts anew
+            from the measured opening.
     """
 
+    data: Prepared
     weights: Weights
     printed: LoopParameters | str
     exact: LoopParameters | str
-    opening: FloatArray
-    predictions: dict[str, FloatArray]
+    nearest: Nearest
+    predicted: FloatArray
     free_run: FloatArray
-    train: int
-    sample_time: float
 
-    def errors(self) -> dict[str, dict[str, float]]:
-        """Compute RMS errors [1] of each network on both parts, and of the 5-1-1 in free run."""
-        runs = {**self.predictions, '5-1-1 free run': self.free_run}
-        return {name: {part: float(np.sqrt(np.mean((run - self.opening)[where]**2)))
-                       for part, where in (('train', slice(self.train)),
-                                           ('test', slice(self.train, None)))}
+    def errors(self, rivals: Mapping[str, FloatArray]) -> dict[str, dict[str, float]]:
+        """RMS error of each network, in units of full opening, on both parts.
+
+        Args:
+            rivals: one-step predictions of other networks by name, see `predict_rivals`.
+        """
+        opening, train = self.data.opening, self.data.train
+        runs = {'5-1-1': self.predicted, **rivals, '5-1-1 free run': self.free_run}
+        return {name: {'train': rms(run[:train] - opening[:train]),
+                       'test': rms(run[train:] - opening[train:])}
                 for name, run in runs.items()}
 
 
@@ -91,36 +111,40 @@ def fit_published(recording: Recording, k_1: float, seed: int = 0) -> PublishedF
     Args:
         recording: with the signals command and opening.
         k_1: correction coefficient [1]; command and opening tell only T_c / k_1.
-        seed: of the networks' starting weights.
+        seed: of the network's starting weights.
 
     Raises:
         DataError: there are not 700 samples in one stretch, they come too slowly for the
             prefilter, or neither signal moves in them.
     """
     data = prepare(recording)
-    rng = np.random.default_rng(seed)
     X, y = data.regressors[:data.train], data.target[:data.train]
-    weights = train_linear(X, y, rng)
-    scale = data.high - data.low
-    predictions = {
-        '5-1-1': data.regressors @ weights,
-        'rbf': train_rbf(X, y, rng)(data.regressors),
-        'bp': train_bp(X, y, rng)(data.regressors),
-    }
+    weights = train_linear(X, y, np.random.default_rng(seed))
     # Both signals have one scale, and the steady gain is 1: the weights need no scaling back.
     v1, v2, n1, n2, n3 = weights.tolist()
     found = Weights((v1, v2), (n1, n2, n3))
     return PublishedFit(
+        data=data,
         weights=found,
         printed=_parameters_or_reason(parameters_as_printed, found, data.sample_time, k_1),
         exact=_parameters_or_reason(parameters_from_poles, found, data.sample_time, k_1),
-        opening=data.low + scale * data.target,
-        predictions={name: data.low + scale * run for name, run in predictions.items()},
-        free_run=data.low + scale * np.concatenate([
-            _free_run(found, X), _free_run(found, data.regressors[data.train:])]),
-        train=data.train,
-        sample_time=data.sample_time,
+        nearest=nearest_loop(data.past[:data.train], X @ weights, data.sample_time, k_1),
+        predicted=data.unscaled(data.regressors @ weights),
+        free_run=data.unscaled(np.concatenate([
+            _free_run(found, X), _free_run(found, data.regressors[data.train:])])),
     )
+
+
+def predict_rivals(data: Prepared, seed: int = 0) -> dict[str, FloatArray]:
+    """Train the networks that [L18] compares with, and predict the opening one step ahead.
+
+    Returns:
+        'rbf' and 'bp': predictions [1], shape (samples - 3,).
+    """
+    rng = np.random.default_rng(seed)
+    X, y = data.regressors[:data.train], data.target[:data.train]
+    return {name: data.unscaled(train(X, y, rng)(data.regressors))
+            for name, train in (('rbf', train_rbf), ('bp', train_bp))}
 
 
 def prepare(recording: Recording) -> Prepared:
@@ -140,9 +164,9 @@ def prepare(recording: Recording) -> Prepared:
         longest = max((len(series) for series in recording.series), default=0)
         raise DataError(f'the published method takes {size} samples in one stretch; the longest '
                         f'has {longest}')
-    windows = [_liveliest(_filtered(series), size) for series in long_enough]
+    windows = [_liveliest(prefiltered(series), size) for series in long_enough]
     series = max(windows, key=lambda window: float(np.var(window['command'])))
-    u, y = series['command'], series['opening']
+    u, y, raw = series['command'], series['opening'], series['raw']
     low = min(u[:TRAIN].min(), y[:TRAIN].min())
     high = max(u[:TRAIN].max(), y[:TRAIN].max())
     if not (np.ptp(u[:TRAIN]) > 1e-6 and np.ptp(y[:TRAIN]) > 1e-6):
@@ -151,9 +175,10 @@ def prepare(recording: Recording) -> Prepared:
     u, y = (u - low) / (high - low), (y - low) / (high - low)
     k = np.arange(LAGS, size)
     return Prepared(
-        regressors=np.column_stack([u[k - 1], u[k - 2], y[k - 1], y[k - 2], y[k - 3]]),
+        past=np.column_stack([signal[k - lag] for signal in (u, y)
+                              for lag in range(1, LAGS + 1)]),
         target=y[k], train=TRAIN - LAGS, low=float(low), high=float(high),
-        sample_time=series.sample_time)
+        sample_time=series.sample_time, raw=raw[k])
 
 
 def train_linear(X: FloatArray, y: FloatArray, rng: np.random.Generator) -> FloatArray:
@@ -185,14 +210,16 @@ def train_linear(X: FloatArray, y: FloatArray, rng: np.random.Generator) -> Floa
     return weights
 
 
-def _filtered(series: Series) -> Series:
+def prefiltered(series: Series) -> Series:
+    """Filter command and opening of a series, and keep the opening as `raw`; see `prepare`."""
     rate = 1 / series.sample_time
     if rate <= 2 * STOP_HZ:
         raise DataError(f'{series.source or "the recording"} has {rate:g} samples a second; the '
                         f'prefilter, with its stop band at {STOP_HZ:g} Hz, needs more than '
                         f'{2 * STOP_HZ:g}')
     sections = butter(2, PASS_HZ, fs=rate, output='sos')
-    return Series({name: sosfiltfilt(sections, series[name]) for name in ('command', 'opening')},
+    return Series({**{name: sosfiltfilt(sections, series[name])
+                      for name in ('command', 'opening')}, 'raw': series['opening']},
                   series.sample_time, series.start, series.source)
 
 
@@ -214,9 +241,9 @@ def _free_run(weights: Weights, regressors: FloatArray) -> FloatArray:
     return np.asarray(run, dtype=float)
 
 
-def _parameters_or_reason(mapping: Mapping, weights: Weights, T: float,
+def _parameters_or_reason(reading: Reading, weights: Weights, T: float,
                           k_1: float) -> LoopParameters | str:
     try:
-        return mapping(weights, T, k_1)
+        return reading(weights, T, k_1)
     except DataError as error:
         return str(error)

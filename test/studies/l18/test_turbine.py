@@ -3,7 +3,7 @@ import numpy as np
 import pytest
 from scipy.signal import lti, step
 
-from hydro_twin.valve.turbine import CONSTANTS, Turbine
+from hydro_twin.studies.l18.turbine import CONSTANTS, Turbine
 
 
 def test_step_of_the_flow_equals_the_transfer_function() -> None:
