@@ -43,8 +43,7 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
         raise UserError(f'--k-1 {args.k_1:g}: must be above zero')
     recording = read([args.bag], rig_of(VALVE_SERVO, args.config))
     with progress('fitting', 4) as done:
-        return {'bag': str(args.bag),
-                **identify(recording, args.k_1, args.seed, args.output, done)}
+        return identify(args.bag, recording, args.k_1, args.seed, args.output, done)
 
 
 def show(result: dict[str, Any], console: Console) -> None:

@@ -17,11 +17,12 @@ from hydro_twin.studies.l18.linear_loop import LoopParameters, PUBLISHED
 from hydro_twin.studies.l18.published_method import fit_published, predict_rivals, PublishedFit
 
 
-def identify(recording: Recording, k_1: float, seed: int, folder: Path,
+def identify(bag: Path, recording: Recording, k_1: float, seed: int, folder: Path,
              done: Callable[[], object] = lambda: None) -> dict[str, Any]:
     """Identify a recording both ways; writes identification.json and the figures 8 to 11.
 
     Args:
+        bag: where the recording comes from.
         recording: with the signals command and opening.
         k_1: correction coefficient [1], taken as known.
         seed: of the networks.
@@ -42,7 +43,7 @@ def identify(recording: Recording, k_1: float, seed: int, folder: Path,
     done()
     rivals = predict_rivals(published.data, seed)
     done()
-    result = report(free_run, one_step, published, rivals, k_1)
+    result = {'bag': str(bag), **report(free_run, one_step, published, rivals, k_1)}
     folder.mkdir(parents=True, exist_ok=True)
     for name, figure in draw_fit(published, rivals).items():
         write_picture(figure, folder / f'{name}.png')

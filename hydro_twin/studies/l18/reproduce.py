@@ -43,6 +43,7 @@ from hydro_twin.studies.l18.servo_model import published
 from hydro_twin.valve.flow_characteristic import default_characteristic
 from hydro_twin.valve.limit import with_limit
 
+STEPS = share_folder() / 'bags' / 'valve_steps'
 T = 1e-3                        # s, of the paper's difference equation
 TABLE_1 = Weights((7.98e-5, 8.01e-5), (1.96, -0.962, 0.00255))         # as printed
 EQUATIONS = {
@@ -66,7 +67,7 @@ class Results:
     @cached_property
     def recording(self) -> Recording:
         """The sample bag of steps."""
-        return read([share_folder() / 'bags' / 'valve_steps'], rig_of(VALVE_SERVO))
+        return read([STEPS], rig_of(VALVE_SERVO))
 
     @cached_property
     def fit(self) -> PublishedFit:
@@ -82,7 +83,7 @@ class Results:
     def identification(self) -> dict[str, Any]:
         """What `hydro-twin identify` finds on it."""
         with TemporaryDirectory() as folder:
-            return identify(self.recording, PUBLISHED.k_1, 0, Path(folder))
+            return identify(STEPS, self.recording, PUBLISHED.k_1, 0, Path(folder))
 
     @cached_property
     def events(self) -> dict[str, dict[str, Run]]:
@@ -231,11 +232,12 @@ def main(arguments: Sequence[str] | None = None) -> int:
     results = Results()
     try:
         text = args.page.read_text(encoding='utf-8')
+        new = BLOCK.sub(lambda found: found[1] + BLOCKS[found[2]](results) + found[3], text)
+        drawn = drawings(results)
         folder = args.page.parent / 'img' / 'l18'
         folder.mkdir(parents=True, exist_ok=True)
-        for name, figure in drawings(results).items():
+        for name, figure in drawn.items():
             write_picture(figure, folder / f'{name}.png')
-        new = BLOCK.sub(lambda found: found[1] + BLOCKS[found[2]](results) + found[3], text)
         write_whole(args.page, new.encode())
     except (UserError, OSError) as error:
         print(f'{parser.prog}: {" ".join(str(error).split())}', file=sys.stderr)

@@ -10,10 +10,11 @@ from hydro_twin.errors import DataError
 from hydro_twin.predictors.analytical import Analytical
 from hydro_twin.studies.l18.closed_loop import agreement, run_loop
 from hydro_twin.studies.l18.event import CONSTANTS
-from hydro_twin.valve.flow_characteristic import default_characteristic, FlowCharacteristic
 from hydro_twin.studies.l18.linear_loop import PUBLISHED
 from hydro_twin.studies.l18.power_control import power_asked
-from hydro_twin.studies.l18.servo_model import published, with_limit
+from hydro_twin.studies.l18.servo_model import published, without_nonlinear_factors
+from hydro_twin.valve.flow_characteristic import default_characteristic, FlowCharacteristic
+from hydro_twin.valve.limit import with_limit
 
 V = {constant.name: constant.value for constant in CONSTANTS}
 T = 0.002
@@ -62,12 +63,28 @@ def test_the_limit_of_the_curve_holds_the_valve(curve: FlowCharacteristic) -> No
     limited = with_limit(published(), curve)
     course = np.full(20_000, 49.5)
     course[0] = 50.0
-    run = run_loop(Analytical(limited), curve, course, 0.95, V)
-    free = run_loop(Analytical(replace(limited, effects=())), curve, course, 0.95, V)
+    more = {**V, 'amplitude': 0.3}                  # for which the curve has no flow
+    run = run_loop(Analytical(limited), curve, course, 0.95, more)
+    free = run_loop(Analytical(replace(limited, effects=())), curve, course, 0.95, more)
     assert run.opening.max() == pytest.approx(curve.d_1)
     assert free.opening.max() == pytest.approx(V['u_max'], abs=1e-3)
-    assert agreement(run.opening, free.opening)['steady_error_percent'] == pytest.approx(
+    errors = agreement(run.opening, free.opening)
+    assert errors['steady_error_percent'] == pytest.approx(
         100 * (V['u_max'] - curve.d_1), abs=0.1)
+    assert errors['relative_error_percent'] == pytest.approx(
+        100 * (V['u_max'] / curve.d_1 - 1), abs=0.1)
+
+
+def test_below_the_limit_the_nonlinear_factors_are_not_seen_at_rest(
+        curve: FlowCharacteristic) -> None:
+    """Y/U = 1 at rest for every k_1, T_c, T_y and tau, and the PID has an integral."""
+    servo = with_limit(published(), curve)
+    course = np.full(20_000, 49.5)
+    course[0] = 50.0
+    runs = [run_loop(Analytical(model), curve, course, 0.85, V)
+            for model in (servo, without_nonlinear_factors(servo))]
+    assert runs[0].power[-1] == pytest.approx(0.85 + V['amplitude'], abs=2e-3)
+    assert runs[1].opening[-1] == pytest.approx(runs[0].opening[-1], abs=1e-4)
 
 
 def test_a_load_that_the_curve_does_not_reach_is_refused(curve: FlowCharacteristic) -> None:

@@ -2,7 +2,7 @@
 import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
-from scipy.signal import cont2discrete, lfilter
+from scipy.signal import cont2discrete, lfilter, step
 
 from hydro_twin.errors import DataError
 from hydro_twin.studies.l18.linear_loop import (
@@ -12,8 +12,9 @@ from hydro_twin.studies.l18.linear_loop import (
     PUBLISHED,
     Weights,
 )
+from hydro_twin.studies.l18.printed_equation import printed_weights
 
-PRINTED_POLES = Weights((7.98e-5, 8.01e-5), (1.9595362, -0.9622498, 0.0025539))
+TABLE_1 = Weights((7.98e-5, 8.01e-5), (1.96, -0.962, 0.00255))     # [L18]
 
 
 def random_loop(rng: np.random.Generator) -> LoopParameters:
@@ -74,11 +75,24 @@ def test_only_the_ratio_of_time_and_gain_acts() -> None:
     assert doubled.v == pytest.approx(ours.v, rel=1e-6)
 
 
-def test_the_papers_weights_hold_no_tau() -> None:
-    t = -0.001 / np.log(PRINTED_POLES.poles().real)
-    assert t[2] == pytest.approx(0.00017, abs=5e-6)
-    read = parameters_from_poles(PRINTED_POLES, 0.001, PUBLISHED.k_1)
-    assert read.tau < PUBLISHED.tau / 10
+def test_table_1_as_printed_is_unstable() -> None:
+    assert TABLE_1.poles().real == pytest.approx([1.0104, 0.9469, 0.0027], abs=5e-5)
+    assert TABLE_1.gain() == pytest.approx(-0.29, abs=0.005)
+    with pytest.raises(DataError, match='not stable'):
+        parameters_from_poles(TABLE_1, 0.001, PUBLISHED.k_1)
+
+
+def test_the_printed_equation_holds_no_tau_and_a_step_does_not_show_it() -> None:
+    T, printed = 0.001, printed_weights(*PUBLISHED, 0.001)
+    assert printed.poles().real == pytest.approx([0.99590, 0.96097, 0.00267], abs=5e-6)
+    assert -T / np.log(printed.poles().real) == pytest.approx(
+        [0.2434, 0.0251, 0.00017], rel=1e-2)
+    T_y, T_c, tau, k_1 = PUBLISHED
+    closed = [T_c * T_y * tau, T_c * (T_y + tau), T_c, k_1]
+    assert max(-1 / np.roots(closed).real) == pytest.approx(0.2436, abs=5e-5)
+    time, true = step(([k_1], closed), T=T * np.arange(3000))
+    found = lfilter([0, *printed.v], [1, *(-n for n in printed.n)], np.ones(len(time)))
+    assert np.abs(found - true).max() == pytest.approx(0.0042, abs=5e-5)
 
 
 @pytest.mark.parametrize(('poles', 'says'), [

@@ -8,8 +8,15 @@ V = {constant.name: constant.value for constant in CONSTANTS}
 
 def test_droop_asks_for_all_the_power_at_its_share_of_the_frequency() -> None:
     full = V['droop'] * V['f_n'] + V['dead_band']
-    assert power_asked(V['f_n'] - full, 0.5, V) == pytest.approx(1.5)
-    assert power_asked(V['f_n'] + full, 0.5, V) == pytest.approx(-0.5)
+    free = {**V, 'amplitude': 2.0}
+    assert power_asked(V['f_n'] - full, 0.5, free) == pytest.approx(1.5)
+    assert power_asked(V['f_n'] + full, 0.5, free) == pytest.approx(-0.5)
+
+
+def test_frequency_asks_for_no_more_than_the_amplitude() -> None:
+    """From 890 MW of 1000 to the 950 of [L18] figure 13."""
+    assert power_asked(V['f_n'] - 0.2, 0.89, V) == pytest.approx(0.95)
+    assert power_asked(V['f_n'] + 5.0, 0.89, V) == pytest.approx(0.83)
 
 
 def test_the_dead_band_asks_for_nothing() -> None:
