@@ -140,9 +140,9 @@ def test_the_published_method_takes_the_sample_bags(bag, T_c, tmp_path, capsys):
 
 @pytest.fixture(scope='module')
 def short_steps(tmp_path_factory):
-    """Write two seconds of the servo, one at the end of its travel."""
+    """Write four seconds of the servo, one at the end of its travel."""
     folder = tmp_path_factory.mktemp('servo')
-    series = simulated_steps((0.9, 1.1, 0.4), default_characteristic())
+    series = simulated_steps((0.5, 0.9, 1.1, 0.4), default_characteristic())
     write_recording(folder / 'bag', [series], load_signals('valve_servo', ('command', 'opening')))
     return folder / 'bag'
 
@@ -151,7 +151,7 @@ def test_a_known_parameter_is_held_and_the_others_are_told(short_steps, tmp_path
     """With k_1 known T_c is too, and with d_1 of the curve the limit does not bend it."""
     path = tmp_path / 'model.yaml'
     status, result, _ = refit(capsys, short_steps, path, '--fix', 'k_1=1.093', '--curve',
-                              BAGS.parent / 'config' / 'flow_characteristic.csv',
+                              str(BAGS.parent / 'config' / 'flow_characteristic.csv'),
                               plant='valve_servo')
     assert status == 0
     found = result['parameters']

@@ -103,13 +103,15 @@ def nearest_loop(past: FloatArray, target: FloatArray, T: float, k_1: float) -> 
     lower[1], upper[1] = lower[1] - ratios[0], upper[1] - ratios[1]
 
     def residual(x: FloatArray) -> FloatArray:
-        v, n = exact_equivalent(*np.exp(x).tolist(), k_1, T)
+        T_y, T_c, tau = np.exp(x)
+        v, n = exact_equivalent(T_y, T_c, tau, k_1, T)
         return np.asarray(past @ [*v, *n] - target)
 
     fit = least_squares(residual, (lower + upper) / 2, bounds=(lower, upper), xtol=1e-12,
                         ftol=1e-12, gtol=1e-15)
+    T_y, T_c, tau = np.exp(fit.x).tolist()
     return Nearest(
-        LoopParameters(*np.exp(fit.x).tolist(), k_1),
+        LoopParameters(T_y, T_c, tau, k_1),
         tuple(name for name, x, low, high in zip(NAMES, fit.x, lower, upper, strict=True)
               if min(x - low, high - x) < EDGE),
         np.asarray(fit.fun), np.asarray(fit.jac))
