@@ -129,7 +129,8 @@ def test_valve_servo_by_its_published_method(tmp_path, capsys):
     assert result['parameters']['T_c']['value'] == pytest.approx(0.294, rel=0.01)
 
 
-@pytest.mark.parametrize(('bag', 'T_c'), [('valve_steps', 0.01), ('valve_limit', 0.2)])
+@pytest.mark.parametrize(('bag', 'T_c'), [
+    ('valve_steps', 0.01), pytest.param('valve_limit', 0.2, marks=pytest.mark.slow)])
 def test_the_published_method_takes_the_sample_bags(bag, T_c, tmp_path, capsys):
     """Whose noise makes its poles those of no servo; at its limit the valve is not linear."""
     status, result, _ = refit(capsys, BAGS / bag, tmp_path / 'model.yaml', '--method', 'network',

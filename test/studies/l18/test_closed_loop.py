@@ -75,6 +75,7 @@ def test_the_limit_of_the_curve_holds_the_valve(curve: FlowCharacteristic) -> No
         100 * (V['u_max'] / curve.d_1 - 1), abs=0.1)
 
 
+@pytest.mark.slow
 def test_below_the_limit_the_nonlinear_factors_are_not_seen_at_rest(
         curve: FlowCharacteristic) -> None:
     """Y/U = 1 at rest for every k_1, T_c, T_y and tau, and the PID has an integral."""

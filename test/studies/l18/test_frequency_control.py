@@ -31,6 +31,7 @@ def test_at_the_end_of_the_travel_the_linear_servo_goes_on(
     assert (tmp_path / 'out' / 'comparison.png').read_bytes().startswith(b'\x89PNG')
 
 
+@pytest.mark.slow
 @pytest.mark.usefixtures('short_event')
 def test_by_default_the_powers_are_those_of_figure_13(
         tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
