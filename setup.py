@@ -4,7 +4,8 @@ from pathlib import Path
 from setuptools import find_packages, setup
 
 NAME = 'hydro_twin'
-VERBS = ('node', 'replay', 'refit', 'trace', 'simulate', 'import', 'compare')
+VERBS = ('node', 'replay', 'refit', 'trace', 'simulate', 'import', 'compare', 'identify',
+         'frequency-control')
 
 
 def share(folder: str, pattern: str) -> list[tuple[str, list[str]]]:

@@ -39,7 +39,7 @@ make rig_d --duration 2.4 --seed 5 $multisine --effect friction@motor:coulomb=8 
 # shellcheck disable=SC2086
 make rig_e --duration 2.4 --seed 6 $multisine --set K_ce=5e-12 --set B_m=60
 
-python -m hydro_twin.valve.demonstration "$part"
+python -m hydro_twin.studies.l18.demonstration "$part"
 for name in valve_steps valve_limit valve_event; do
     pack "$part/$name" "$name"
 done

@@ -18,6 +18,7 @@ from hydro_twin.recording.clock import same
 
 FORMAT = 1
 NOT_IDENTIFIABLE = 'not identifiable'
+HELD = 'held'
 NOT_EXPLAINED = 'not explained'
 NOT_REACHED = 'not reached'
 KINDS = ('analytical', 'mlp', 'gru', 'hybrid')
@@ -33,12 +34,14 @@ class Estimate:
         std_error: standard error in the parameter's unit; None where it is not known.
         identifiable: whether the data determine it at all (alone, not only in a combination).
         at_bound: 'lower' or 'upper', the edge of the search box at which the fit stopped; or ''.
+        held: whether it was taken as known, and not fitted.
     """
 
     value: float
     std_error: float | None = None
     identifiable: bool = True
     at_bound: str = ''
+    held: bool = False
 
 
 @dataclass(frozen=True)
@@ -193,7 +196,8 @@ def document(model: Model) -> dict[str, Any]:
                       for name, value in model.constants.items()},
         'parameters': {
             name: {'value': p.value, 'unit': units[name],
-                   'std_error': p.std_error if p.identifiable else NOT_IDENTIFIABLE,
+                   'std_error': HELD if p.held else p.std_error if p.identifiable
+                   else NOT_IDENTIFIABLE,
                    **({'at_bound': p.at_bound} if p.at_bound else {})}
             for name, p in model.parameters.items()},
         'timing': dict(model.timing),
@@ -272,8 +276,8 @@ def _from_document(raw: Mapping[str, Any]) -> Model:
         spread = p.get('std_error')
         estimates[name] = Estimate(
             _number(name, p['value']),
-            None if spread in (None, NOT_IDENTIFIABLE) else _number(name, spread),
-            spread != NOT_IDENTIFIABLE, str(p.get('at_bound') or ''))
+            None if spread in (None, NOT_IDENTIFIABLE, HELD) else _number(name, spread),
+            spread not in (NOT_IDENTIFIABLE, HELD), str(p.get('at_bound') or ''), spread == HELD)
     kind = raw.get('predictor', 'analytical')
     if kind not in KINDS:
         raise ModelError(f'predictor {kind!r}; there are {", ".join(KINDS)}')

@@ -27,6 +27,7 @@ def model():
                  for p in PLANT.parameters}
     estimates['V_m'] = Estimate(1.7e-4, None, False)
     estimates['J'] = Estimate(0.05, None)
+    estimates['G'] = Estimate(1e4, identifiable=False, held=True)
     effects = (
         FittedEffect(place('friction', 'motor', {'coulomb': 11.2}, PLANT), {'coulomb': 0.1}),
         FittedEffect(place('dead_zone', 'spool', {'width': 3e-6, 'centre': -1e-7}, PLANT)))
@@ -61,6 +62,7 @@ def test_file_is_for_people(model, tmp_path):
     assert plain['parameters']['V_m'] == {
         'value': 1.7e-4, 'unit': 'm^3', 'std_error': 'not identifiable'}
     assert plain['parameters']['J']['std_error'] is None
+    assert plain['parameters']['G']['std_error'] == 'held'
     assert plain['constants']['D_m'] == {'value': 2.2e-5, 'unit': 'm^3/rad'}
     friction = plain['effects'][0]
     assert friction == {'id': 'friction', 'port': 'motor', 'parameters': {

@@ -69,6 +69,14 @@ def test_every_library_used_is_a_dependency():
     assert {modules.get(name, name) for name in foreign} <= {*KEYS, 'hydro_twin', 'torch'}
 
 
+def test_the_core_does_not_import_the_studies():
+    """Verbs may; what they call must work without them."""
+    package = ROOT / 'hydro_twin'
+    for path in package.rglob('*.py'):
+        if path.relative_to(package).parts[0] not in ('studies', 'commands'):
+            assert 'hydro_twin.studies' not in path.read_text('utf-8'), path
+
+
 def test_every_folder_of_modules_is_installed():
     assert {path.parent for path in (ROOT / 'hydro_twin').rglob('*.py')} == {
         path.parent for path in (ROOT / 'hydro_twin').rglob('__init__.py')}

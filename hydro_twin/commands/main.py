@@ -37,6 +37,9 @@ VERBS = {   # verb -> its module, what it does
     'simulate': ('simulate', 'make a recording from the physics'),
     'import': ('import_', 'make a bag of CSV or MAT tables'),
     'compare': ('compare', 'compare predictors and methods over repeated runs'),
+    'identify': ('identify', 'identify a turbine valve servo as published, and by least squares'),
+    'frequency-control': ('frequency_control', ('simulate primary frequency control with a linear '
+                          'and a nonlinear valve servo')),
 }
 ROS = "source ROS 2 Jazzy, or install 'hydro_twin[ros]'"
 REMEDIES = {   # module that a plain install may lack -> where it comes from

@@ -10,6 +10,7 @@ from hydro_twin.commands.common import (
     add_bag_arguments,
     add_rig_arguments,
     add_seed_argument,
+    assignment,
     progress,
     rig_from,
     train_and_test,
@@ -21,6 +22,7 @@ if TYPE_CHECKING:
 
     from hydro_twin.fitting.identifiability import Identifiability
     from hydro_twin.fitting.network import Settings
+    from hydro_twin.fitting.refit import Physics
     from hydro_twin.model import Model
     from hydro_twin.predictors.network import Network
     from hydro_twin.predictors.scores import Errors
@@ -45,6 +47,12 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument('--model', type=Path, metavar='MODEL',
                         help='for a hybrid: the analytical model that it stands on, with its '
                         'effects, instead of a fresh fit')
+    parser.add_argument('--fix', action='append', default=[], type=assignment,
+                        metavar='NAME=VALUE', help='hold a parameter at a known value, as '
+                        'k_1=1.093, and fit the others; may be repeated')
+    parser.add_argument('--curve', type=Path, metavar='CSV',
+                        help='flow characteristic of the valve servo, opening against flow: its '
+                        'end is the end of the travel in the model, saturation at the stem')
     networks = parser.add_argument_group('networks', 'the defaults are those of [B19]')
     networks.add_argument('--hidden', type=widths, metavar='WIDTHS',
                           help='of the hidden layers (default: 77,77; of a hybrid 80; of a GRU, '
@@ -97,7 +105,7 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
     """
     from hydro_twin.commands.provenance import provenance
     from hydro_twin.fitting.network import check_device
-    from hydro_twin.fitting.refit import bounds_of, fit_physics
+    from hydro_twin.fitting.refit import bounds_of
     from hydro_twin.model import Model, read_model, WITHOUT_PHYSICS, write_model
     from hydro_twin.predictors.analytical import Analytical
     from hydro_twin.predictors.scores import errors_of
@@ -115,14 +123,17 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
     if args.predictor == 'gru' and (args.search or len(args.hidden or (1,)) > 1):
         raise UserError('a GRU has one hidden layer, and --search is for mlp and hybrid')
     if args.predictor in WITHOUT_PHYSICS and (
-            args.criterion or args.method != 'least_squares'):
-        raise UserError('--method and --criterion are for physical parameters; '
+            args.criterion or args.method != 'least_squares' or args.fix or args.curve):
+        raise UserError('--method, --criterion, --fix and --curve are for physical parameters; '
                         f'an {args.predictor.upper()} has none'.replace('an G', 'a G'))
     if args.model and args.predictor != 'hybrid':
         raise UserError('--model is what a hybrid stands on: it needs --predictor hybrid')
+    if args.model and (args.fix or args.curve):
+        raise UserError('--fix and --curve are for a fresh fit; --model has its parameters')
     base = read_model(args.model) if args.model else None
     rig = rig_from(args, base)
     plant = rig.plant
+    plant.holding(dict(args.fix))
     criterion = args.criterion or (
         'free_run' if (args.predictor, args.method) == ('analytical', 'least_squares')
         else 'one_step')
@@ -132,13 +143,18 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
     model = Model(
         plant, {}, rig.constants, train.sample_time, args.predictor,
         provenance=provenance(train.sources, test.sources if args.test else (), args.seed))
+    if args.curve:
+        from hydro_twin.valve.flow_characteristic import read_characteristic
+        from hydro_twin.valve.limit import with_limit
+
+        model = with_limit(model, read_characteristic(args.curve))
     known: Identifiability | None = None
     settings: Settings | None = None
     if base is not None:
         model = _on(base, model)
     elif args.predictor not in WITHOUT_PHYSICS:
         with progress('fitting the physics'):
-            physics = fit_physics(train, plant, rig.constants, args.method, criterion, args.seed)
+            physics = _physics(args, train, model, criterion)
         known = physics.known
         model = replace(model, parameters=physics.estimates, notes=physics.notes, provenance={
             **model.provenance, 'method': args.method, 'criterion': criterion})
@@ -161,7 +177,8 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
         'unit': plant.output.unit,
         'sample_time': model.sample_time,
         'parameters': {name: {'value': e.value, 'unit': units[name], 'std_error': e.std_error,
-                              'identifiable': e.identifiable, 'at_bound': e.at_bound or None}
+                              'identifiable': e.identifiable, 'held': e.held,
+                              'at_bound': e.at_bound or None}
                        for name, e in model.parameters.items()},
         'hidden': list(settings.hidden) if settings else [],
         'decay': settings.decay if settings else None,
@@ -172,6 +189,19 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
         'test': _part(errors, 'test'),
         **bounds,
     }
+
+
+def _physics(args: argparse.Namespace, train: Recording, model: Model, criterion: str) -> Physics:
+    """Fit the physical parameters by the method asked for."""
+    held = dict(args.fix)
+    if args.method == 'network':
+        from hydro_twin.studies.l18.network_fit import fit_network
+
+        return fit_network(train, model.plant, held, args.seed)
+    from hydro_twin.fitting.refit import fit_physics
+
+    return fit_physics(train, model.plant, model.constants, args.method, criterion, args.seed,
+                       held, model.placed)
 
 
 def _on(base: Model, model: Model) -> Model:
@@ -230,6 +260,7 @@ def show(result: dict[str, Any], console: Console) -> None:
         table = Table('parameter', 'value', 'standard error', 'unit')
         for name, p in result['parameters'].items():
             error = f'{p["std_error"]:.2g}' if p['std_error'] is not None else (
+                'held' if p['held'] else
                 f'at its {p["at_bound"]} bound' if p['at_bound'] else
                 'not identifiable' if not p['identifiable'] else
                 'biased' if BIASED in result['notes'] else 'unknown')

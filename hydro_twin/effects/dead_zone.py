@@ -1,4 +1,4 @@
-"""Dead zone: a valve with overlap, an amplifier that ignores small commands."""
+"""Dead zone: a valve with overlap, an amplifier that ignores small commands, rod and hinge."""
 from __future__ import annotations
 
 from hydro_twin.compiled import compiled
@@ -11,7 +11,8 @@ HALF = 0.5              # share that passes, from which a zone is a bend of the 
 def law(v, s, p, z, h, c, z_next):  # type: ignore[no-untyped-def]
     """Pass beyond +-width of the centre what exceeds it, within it a share [Merritt 1967, 5.3].
 
-    The share is that of a spool whose overlap does not seal.
+    The share is that of a spool whose overlap does not seal. Behind an actuator the width is
+    how far it moves before the valve does, l_1 and l_2 of [L18] figure 1.
     """
     width, centre, leak = p[0], p[1], p[2]
     w = v - centre
@@ -39,7 +40,7 @@ def told(span: Span, values: tuple[float, ...]) -> bool:
 EFFECT = Effect(
     id='dead_zone',
     title='dead zone',
-    kinds=('opening', 'command', 'pilot'),
+    kinds=('opening', 'command', 'pilot', 'linkage', 'stem'),
     parameters=(
         EffectParameter('width', 'half width of the zone', 'value', 1e-12, 1e9),
         EffectParameter('centre', 'middle of the zone', 'value', -1e9, 1e9, log=False,

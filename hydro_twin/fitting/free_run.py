@@ -326,8 +326,8 @@ def solve_all(problems: Sequence[Problem], evaluations: int = 40, tolerance: flo
 
 def fit_linear(plant: Plant, parts: Sequence[Part], constants: Mapping[str, float],
                sample_time: float, within: str, timing: bool, seed: int = 0,
-               starts: int = 3) -> Fit:
-    """Fit the plant without effects from several starts; the best is returned.
+               starts: int = 3, effects: tuple[Placed, ...] = ()) -> Fit:
+    """Fit the parameters of the plant from several starts; the best fit is returned.
 
     The starts are the middle of the box and the best of random draws in it. A residual that
     effects have bent leads a single start astray.
@@ -341,13 +341,14 @@ def fit_linear(plant: Plant, parts: Sequence[Part], constants: Mapping[str, floa
         timing: whether commands may act up to a sample before their stamps say.
         seed: of the draws.
         starts: how many searches are made.
+        effects: known ones, which stay as they are.
     """
     unknowns = plant_unknowns(plant, within)
     if timing:
         unknowns += timing_unknowns(plant, sample_time)
     rng = np.random.default_rng(seed)
     middle = {p.name: math.sqrt(p.lower * p.upper) for p in plant.parameters}
-    base = Candidate(plant, {**constants, **middle}, sample_time)
+    base = Candidate(plant, {**constants, **middle}, sample_time, effects)
     draws = [base] + [
         replace(base, values={**base.values, **{
             p.name: float(math.exp(rng.uniform(math.log(p.lower), math.log(p.upper))))

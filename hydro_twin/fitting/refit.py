@@ -6,7 +6,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from hydro_twin.errors import DataError, UserError
+from hydro_twin.effects import Placed
+from hydro_twin.errors import UserError
 from hydro_twin.fitting.candidate import parts_of
 from hydro_twin.fitting.coefficients import coefficients_of
 from hydro_twin.fitting.free_run import fit_linear
@@ -25,7 +26,7 @@ from hydro_twin.recording.series import Recording
 from hydro_twin.residual.noise import is_white
 
 CRITERIA = ('free_run', 'one_step')
-METHODS = ('least_squares', *POPULATIONS, 'network')
+METHODS = ('least_squares', *POPULATIONS)
 BIASED = ('one-step fit with a residual that is not white: noise of the measured outputs among '
           'the regressors biases the values by an unknown amount, so none has a standard error; '
           'a least-squares fit of the free run is free of this bias')
@@ -46,8 +47,9 @@ class Physics:
 
 
 def fit_physics(train: Recording, plant: Plant, constants: Mapping[str, float], method: str,
-                criterion: str, seed: int) -> Physics:
-    """Fit the parameters of the plant without effects, within the search box.
+                criterion: str, seed: int, held: Mapping[str, float] | None = None,
+                effects: tuple[Placed, ...] = ()) -> Physics:
+    """Fit the parameters of the plant within the search box.
 
     Args:
         train: the recording to fit.
@@ -56,43 +58,52 @@ def fit_physics(train: Recording, plant: Plant, constants: Mapping[str, float], 
         method: one of METHODS.
         criterion: one of CRITERIA, for least squares; the others have theirs.
         seed: of all that is random.
+        held: parameters taken as known, by name.
+        effects: known ones; the free run has them, one step is of the linear laws.
 
     Raises:
-        UserError: the method is not for this plant, or knows another criterion only.
+        UserError: the method knows another criterion only, or a held parameter is not one.
         DataError: the samples do not allow it.
     """
     biased = False
-    if method == 'network':
-        return _published(train, plant, seed)
+    held = held or {}
+    free = plant.holding(held)
+    constants = {**constants, **held}
     if method == 'least_squares' and criterion == 'free_run':
-        fit = fit_linear(plant, parts_of(train, plant), constants, train.sample_time, 'box',
-                         timing=False, seed=seed)
+        fit = fit_linear(free, parts_of(train, free), constants, train.sample_time, 'box',
+                         timing=False, seed=seed, effects=effects)
         known = fit.identifiability()
-        values = {p.name: fit.candidate.values[p.name] for p in plant.parameters}
+        values = {p.name: fit.candidate.values[p.name] for p in free.parameters}
     elif criterion == 'one_step':
-        names = [p.name for p in plant.parameters]
+        names = [p.name for p in free.parameters]
         inputs = [signal.name for signal in plant.inputs]
-        coefficients = coefficients_of(plant, constants, train.sample_time)
+        coefficients = coefficients_of(free, constants, train.sample_time)
         factor = regression(train.series, plant.output.name, inputs, plant.order)
-        best = fit_one_step(method, factor, coefficients, plant, seed).best
-        lower, upper = np.array([(p.lower, p.upper) for p in plant.parameters]).T
+        best = fit_one_step(method, factor, coefficients, free, seed).best
+        lower, upper = np.array([(p.lower, p.upper) for p in free.parameters]).T
         slopes = list(sensitivities(train.series, plant.output.name, inputs, plant.order,
                                     coefficients, best))
-        known = assess(slopes, names, plant.combinations, at_bound(names, best, lower, upper))
+        known = assess(slopes, names, free.combinations, at_bound(names, best, lower, upper))
         biased = not is_white([residual for _, residual in slopes])
         values = dict(zip(names, best.tolist(), strict=True))
     else:
         raise UserError(f'--method {method} minimises the one-step error, as in [B19]; '
                         'only least_squares knows --criterion free_run')
-    estimates = {p.name: _estimate(p, values[p.name], known, biased) for p in plant.parameters}
+    estimates = {p.name: _estimate(p, values[p.name], known, biased) for p in free.parameters}
     notes = [f'{p.name} ended at the {estimates[p.name].at_bound} bound of its search, '
              f'{estimates[p.name].value:g} {p.unit}: not an estimate, and what is said of the '
-             f'others holds for this value' for p in plant.parameters
+             f'others holds for this value' for p in free.parameters
              if estimates[p.name].at_bound]
     if biased:
         known = replace(known, combinations=dict.fromkeys(known.combinations))
         notes.append(BIASED)
-    return Physics(estimates, known, tuple(notes))
+    estimates |= held_estimates(held)
+    return Physics({p.name: estimates[p.name] for p in plant.parameters}, known, tuple(notes))
+
+
+def held_estimates(held: Mapping[str, float]) -> dict[str, Estimate]:
+    """Say of parameters that they were taken as known."""
+    return {name: Estimate(value, identifiable=False, held=True) for name, value in held.items()}
 
 
 def _estimate(p: Parameter, value: float, known: Identifiability, biased: bool) -> Estimate:
@@ -104,22 +115,6 @@ def _estimate(p: Parameter, value: float, known: Identifiability, biased: bool) 
     return Estimate(float(value),
                     None if relative is None or biased else float(value * relative),
                     relative is not None, edge)
-
-
-def _published(train: Recording, plant: Plant, seed: int) -> Physics:
-    """Fit the valve servo by the network method of [L18]."""
-    from hydro_twin.valve.linear_loop import PUBLISHED
-    from hydro_twin.valve.published_method import fit_published
-
-    if plant.name != 'valve_servo':
-        raise UserError(f'--method network is that of [L18] for the valve_servo, '
-                        f'not for {plant.name}')
-    found = fit_published(train, PUBLISHED.k_1, seed).exact
-    if isinstance(found, str):
-        raise DataError(f'{found}; --method least_squares fits the parameters themselves')
-    fastest = {p.name: p.lower for p in plant.parameters}       # for a lag that is too fast to see
-    return Physics({name: Estimate(fastest[name], None, False) if np.isnan(value)
-                    else Estimate(value) for name, value in found._asdict().items()}, None)
 
 
 def network_problem(train: Recording, model: Model) -> Problem:

@@ -2,7 +2,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
@@ -34,6 +34,16 @@ class Parameter:
     upper: float
     minimum: float
     maximum: float
+
+    def check(self, value: float) -> None:
+        """Refuse a value outside the physical range.
+
+        Raises:
+            ModelError: it is, or it is not a number.
+        """
+        if not self.minimum <= value <= self.maximum:
+            raise ModelError(f'{self.name} = {value:g} {self.unit} is outside its physical range '
+                             f'{self.minimum:g} to {self.maximum:g}')
 
 
 @dataclass(frozen=True)
@@ -212,11 +222,41 @@ class Plant:
         for name, value in (given or {}).items():
             if name not in values:
                 known = ', '.join(values) or 'none'
-                raise ModelError(f'{self.name} has no constant {name}; it has {known}')
+                hint = (f'; {name} is a parameter, which refit --fix {name}={value:g} holds'
+                        if name in (p.name for p in self.parameters) else '')
+                raise ModelError(f'{self.name} has no constant {name}; it has {known}{hint}')
             if not (np.isfinite(value) and value > 0):
                 raise ModelError(f'constant {name} = {value}: must be a positive number')
             values[name] = float(value)
         return values
+
+    def holding(self, known: Mapping[str, float]) -> Plant:
+        """Take parameters as known: they become constants, and a fit moves the others only.
+
+        Args:
+            known: values of parameters by name.
+
+        Raises:
+            ModelError: one is not a parameter of this plant, or outside its physical range, or
+                none is left to fit.
+        """
+        parameters = {p.name: p for p in self.parameters}
+        for name, value in known.items():
+            if name not in parameters:
+                raise ModelError(f'{self.name} has no parameter {name}; it has '
+                                 f'{", ".join(parameters)}')
+            parameters[name].check(value)
+        free = tuple(p for p in self.parameters if p.name not in known)
+        if not free:
+            raise ModelError(f'all parameters of {self.name} are held; none is left to fit')
+        rest = [{name: power for name, power in combination.items() if name not in known}
+                for combination in self.combinations]
+        return replace(
+            self, parameters=free, closed_form=None if known else self.closed_form,
+            combinations=tuple(c for c in rest if len(c) > 1),
+            constants=(*self.constants, *(
+                Constant(p.name, p.meaning, p.unit, known[p.name])
+                for p in self.parameters if p.name in known)))
 
     def check(self, parameters: Mapping[str, float]) -> None:
         """Refuse a set of parameters that is not this plant's or not physical.
@@ -230,7 +270,4 @@ class Plant:
         for p in self.parameters:
             if p.name not in parameters:
                 raise ModelError(f'parameter {p.name} of {self.name} is missing')
-            if not p.minimum <= parameters[p.name] <= p.maximum:
-                raise ModelError(
-                    f'{p.name} = {parameters[p.name]:g} {p.unit} is outside its physical range '
-                    f'{p.minimum:g} to {p.maximum:g}')
+            p.check(parameters[p.name])

@@ -1,1 +1,1 @@
-"""What is special to the turbine valve servo of [L18]: its identification, curve and control."""
+"""What is special to the turbine valve servo: its flow characteristic, and its end of travel."""

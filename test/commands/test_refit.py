@@ -1,4 +1,6 @@
 import json
+from pathlib import Path
+import re
 
 from hydro_twin.fitting.study import analytical_run, make_part
 import numpy as np
@@ -10,7 +12,12 @@ from hydro_twin.fitting.search import SearchResult
 from hydro_twin.model import read_model
 from hydro_twin.plants import PLANTS
 from hydro_twin.recording.digest import source_of
+from hydro_twin.recording.signals import load_signals
+from hydro_twin.recording.write import write_recording
+from hydro_twin.studies.l18.demonstration import simulated_steps
+from hydro_twin.valve.flow_characteristic import default_characteristic
 
+BAGS = Path(__file__).parents[2] / 'bags'
 TRUTH = {'J': 0.06, 'G': 9.5e3, 'K_p': 0.011, 'B_m': 45.0, 'K_ce': 4e-12}
 
 
@@ -169,12 +176,67 @@ def test_valve_servo_by_its_published_method(tmp_path, capsys):
                               plant='valve_servo')
     assert status == 0
     assert result['parameters']['k_1']['value'] == 1.093
-    assert result['parameters']['T_c']['value'] == pytest.approx(0.294, rel=0.2)
+    assert result['parameters']['k_1']['held']
+    assert result['parameters']['T_c']['value'] == pytest.approx(0.294, rel=0.01)
+
+
+@pytest.mark.parametrize(('bag', 'T_c'), [
+    ('valve_steps', 0.01), pytest.param('valve_limit', 0.2, marks=pytest.mark.slow)])
+def test_the_published_method_takes_the_sample_bags(bag, T_c, tmp_path, capsys):
+    """Whose noise makes its poles those of no servo; at its limit the valve is not linear."""
+    status, result, _ = refit(capsys, BAGS / bag, tmp_path / 'model.yaml', '--method', 'network',
+                              plant='valve_servo')
+    assert status == 0
+    assert result['parameters']['T_c']['value'] == pytest.approx(0.294, rel=T_c)
+
+
+@pytest.fixture(scope='module')
+def short_steps(tmp_path_factory):
+    """Write four seconds of the servo, one at the end of its travel."""
+    folder = tmp_path_factory.mktemp('servo')
+    series = simulated_steps((0.5, 0.9, 1.1, 0.4), default_characteristic())
+    write_recording(folder / 'bag', [series], load_signals('valve_servo', ('command', 'opening')))
+    return folder / 'bag'
+
+
+def test_a_known_parameter_is_held_and_the_others_are_told(short_steps, tmp_path, capsys):
+    """With k_1 known T_c is too, and with d_1 of the curve the limit does not bend it."""
+    path = tmp_path / 'model.yaml'
+    status, result, _ = refit(capsys, short_steps, path, '--fix', 'k_1=1.093', '--curve',
+                              str(BAGS.parent / 'config' / 'flow_characteristic.csv'),
+                              plant='valve_servo')
+    assert status == 0
+    found = result['parameters']
+    assert found['k_1'] == {'value': 1.093, 'unit': '1', 'std_error': None,
+                            'identifiable': False, 'held': True}
+    assert found['T_c']['value'] == pytest.approx(0.294, rel=1e-3)
+    assert found['T_c']['identifiable']
+    assert found['T_c']['std_error'] is not None
+    text = path.read_text()
+    assert re.search(r"k_1:\n    value: 1.093\n    unit: '1'\n    std_error: held", text)
+    model = read_model(path)
+    assert model.parameters['k_1'].held
+    assert model.effects[0].placed.named == {'lower': 0.0, 'upper': pytest.approx(1.05)}
+
+
+@pytest.mark.parametrize('arguments', [
+    ['--criterion', 'one_step'], ['--method', 'random']])
+def test_every_method_holds(short_steps, tmp_path, capsys, arguments):
+    status, result, _ = refit(capsys, short_steps, tmp_path / 'model.yaml', '--fix', 'T_c=0.4',
+                              *arguments, plant='valve_servo')
+    assert status == 0
+    assert list(result['parameters']) == ['T_y', 'T_c', 'tau', 'k_1']
+    assert result['parameters']['T_c']['value'] == 0.4
+    assert 'T_c/k_1' not in result['combinations']
 
 
 @pytest.mark.parametrize(('arguments', 'says'), [
     (['--method', 'pso', '--criterion', 'free_run'], 'only least_squares knows'),
     (['--method', 'network', '--criterion', 'one_step'], 'for the valve_servo'),
+    (['--fix', 'k_1=1'], 'no parameter k_1'),
+    (['--fix', 'J'], 'should read like'),
+    (['--curve', str(BAGS.parent / 'config' / 'flow_characteristic.csv')],
+     'is for the valve_servo, not for load_simulator'),
     (['--method', 'guess'], "invalid choice: 'guess'"),
     (['--constant', 'D_m=0'], 'must be a positive number'),
     (['--test', 'nowhere'], 'nowhere: no such bag'),

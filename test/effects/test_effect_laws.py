@@ -8,6 +8,8 @@ import pytest
 from scipy.optimize import brentq
 
 from hydro_twin.effects import EFFECTS
+from hydro_twin.model import place
+from hydro_twin.plants import PLANTS
 
 AT = {(effect.id, effect.kinds[0]): effect for effect in EFFECTS}
 V = np.linspace(-2.0, 2.0, 41)
@@ -60,6 +62,16 @@ def test_dead_zone_passes_what_exceeds_it():
     w = V - centre
     expected = np.sign(w) * np.maximum(np.abs(w) - width, 0.0)
     found = apply(('dead_zone', 'opening'), V, [width, centre, 0.0])
+    np.testing.assert_allclose(found, expected, atol=1e-15)
+
+
+@pytest.mark.parametrize('port', ['linkage', 'stem'])
+def test_behind_an_actuator_nothing_comes_until_it_has_moved_past_the_dead_zone(port):
+    l_1, l_2 = 0.7, 0.1             # [L18] figure 1, opening and closing
+    expected = np.where(l_1 < V, V - l_1, np.where(-l_2 > V, V + l_2, 0.0))
+    effect = place('dead_zone', port, {'width': 1.0}, PLANTS['valve_servo']).effect
+    assert effect.law is law(('dead_zone', 'opening'))
+    found = apply(('dead_zone', 'opening'), V, [(l_1 + l_2) / 2, (l_1 - l_2) / 2, 0.0])
     np.testing.assert_allclose(found, expected, atol=1e-15)
 
 

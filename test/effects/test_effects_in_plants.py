@@ -3,7 +3,7 @@ import math
 
 import numpy as np
 import pytest
-from scipy import signal
+from scipy import integrate, signal
 
 from hydro_twin.effects import EFFECTS, Placed, sites
 from hydro_twin.fitting.candidate import Candidate, Part
@@ -182,6 +182,31 @@ def test_effects_on_one_port_act_one_after_the_other():
     half = np.column_stack([np.full(300, 0.5), np.zeros(300)])
     np.testing.assert_allclose(run(plant, both, inputs=inputs), run(plant, inputs=half),
                                rtol=0, atol=1e-9)
+
+
+@pytest.mark.parametrize('port', ['linkage', 'stem'])
+def test_a_dead_zone_behind_the_actuator_equals_an_integrator(port):
+    """At the linkage it is within the loop, which moves the actuator past it; at the stem not."""
+    plant, width = PLANTS['valve_servo'], 0.2
+    p = values(plant)
+
+    def passed(x):
+        return np.sign(x) * max(abs(x) - width, 0.0)
+
+    def laws(t, x):
+        c, a, y = x
+        linkage = passed(a) if port == 'linkage' else a
+        return [(p['k_1'] * (np.sin(t) - y) - c) / p['T_y'], c / p['T_c'],
+                (linkage - y) / p['tau']]
+
+    t = plant.sample_time * np.arange(2000)
+    true = integrate.solve_ivp(laws, (0, t[-1]), np.zeros(3), t_eval=t, rtol=1e-9, atol=1e-11,
+                               method='LSODA').y[2]
+    if port == 'stem':
+        true = np.array([passed(y) for y in true])
+    found = run(plant, [place('dead_zone', port, {'width': width}, plant)],
+                inputs=np.sin(t + plant.sample_time / 2)[:, None])      # held over each sample
+    np.testing.assert_allclose(found, true, atol=2e-3)
 
 
 def test_an_effect_upstream_is_felt_downstream():

@@ -146,6 +146,33 @@ def test_constants_are_checked():
         plant.constant_values({'D_m': 0.0})
 
 
+def test_a_held_parameter_is_a_constant_and_frees_what_acted_with_it():
+    plant = PLANTS['valve_servo']
+    held = plant.holding({'k_1': 1.5})
+    assert [p.name for p in held.parameters] == ['T_y', 'T_c', 'tau']
+    assert held.combinations == ()
+    values = {'T_y': 0.02, 'T_c': 0.3, 'tau': 0.003}
+    np.testing.assert_array_equal(held.laws(values | held.constant_values()).A,
+                                  plant.laws(values | {'k_1': 1.5}).A)
+    assert plant.holding({}).parameters == plant.parameters
+
+
+@pytest.mark.parametrize(('known', 'says'), [
+    ({'D_m': 1.0}, 'no parameter D_m; it has T_y, T_c, tau, k_1'),
+    ({'k_1': -1.0}, 'outside its physical range'),
+    ({'k_1': float('nan')}, 'outside its physical range'),
+    ({'T_y': 0.02, 'T_c': 0.3, 'tau': 0.003, 'k_1': 1.0}, 'none is left to fit'),
+])
+def test_what_cannot_be_held_is_refused(known, says):
+    with pytest.raises(ModelError, match=says):
+        PLANTS['valve_servo'].holding(known)
+
+
+def test_a_parameter_given_as_a_constant_is_told_how_to_hold_it():
+    with pytest.raises(ModelError, match=r'no constant k_1.*--fix k_1=1.093 holds'):
+        PLANTS['valve_servo'].constant_values({'k_1': 1.093})
+
+
 def test_an_unknown_plant_is_refused_with_those_there_are():
     with pytest.raises(UserError, match=', '.join(sorted(PLANTS))):
         plant_named('servo')

@@ -1,0 +1,1 @@
+"""The turbine valve servo of [L18]: its identification, its networks, its primary control."""

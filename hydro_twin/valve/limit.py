@@ -1,0 +1,25 @@
+"""The end of a valve's travel, as its flow characteristic gives it, in a model of the servo."""
+from __future__ import annotations
+
+from dataclasses import replace
+
+from hydro_twin.errors import UserError
+from hydro_twin.model import FittedEffect, Model, place
+from hydro_twin.plants.valve_servo import VALVE_SERVO
+from hydro_twin.valve.flow_characteristic import FlowCharacteristic
+
+
+def with_limit(model: Model, curve: FlowCharacteristic) -> Model:
+    """Give a servo the limits 0 and d_1 of the curve, unless it has limits of its own.
+
+    Raises:
+        UserError: the model is of another plant, which has no such travel.
+    """
+    if model.plant.name != VALVE_SERVO.name:
+        raise UserError(f'a flow characteristic is for the {VALVE_SERVO.name}, '
+                        f'not for {model.plant.name}')
+    if any((e.placed.effect.id, e.placed.port.name) == ('saturation', 'stem')
+           for e in model.effects):
+        return model
+    limit = place('saturation', 'stem', {'lower': 0.0, 'upper': curve.d_1}, model.plant)
+    return replace(model, effects=(*model.effects, FittedEffect(limit)))
