@@ -42,7 +42,7 @@ from hydro_twin.model import Estimate, FittedEffect, Model, place, write_model
 from hydro_twin.plants import plant_named
 from hydro_twin.predictors.network import Network, save_network
 from hydro_twin.recording.signals import load_signals, SignalMap
-from hydro_twin.spin import make_executor
+from hydro_twin.ros.spin import make_executor
 
 PLANT = plant_named('load_simulator')
 COMMAND, JOINTS = '/load_simulator/command', '/load_simulator/joint_states'
@@ -187,7 +187,7 @@ class Driver:
 
 def twin(model: Path, *more: str) -> list[str]:
     """Command line of the node."""
-    return ['-m', 'hydro_twin.spin', '--ros-args', '-p', f'model:={model}', *more]
+    return ['-m', 'hydro_twin.ros.spin', '--ros-args', '-p', f'model:={model}', *more]
 
 
 def main() -> None:

@@ -149,7 +149,7 @@ def twin(**parameters: object) -> Iterator[None]:
     """Run the node."""
     flags = [word for name, value in parameters.items()
              for word in ('-p', f'{name}:={value}')]
-    with process('hydro_twin.spin', '--ros-args', *flags):
+    with process('hydro_twin.ros.spin', '--ros-args', *flags):
         yield
 
 

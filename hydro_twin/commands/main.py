@@ -12,7 +12,7 @@ A verb is one module of `hydro_twin.commands`, with three functions:
 
 What goes wrong is raised: a `UserError` becomes one line on standard error and exit status 2.
 Any other exception is a defect: one line too, which names a file for a report, and status 1.
-`node` is not such a verb: `hydro_twin.spin.main(arguments)` gets its arguments untouched.
+`node` is not such a verb: `hydro_twin.ros.spin.main(arguments)` gets its arguments untouched.
 """
 from __future__ import annotations
 
@@ -127,7 +127,7 @@ def _node(arguments: list[str]) -> int:
         print(f'usage: {PROG} node [--ros-args [-p NAME:=VALUE] [--params-file FILE] ...]\n\n'
               f'{VERBS["node"][1]}\n\nparameters:\n{overview()}')
         return 0
-    from hydro_twin.spin import main as spin
+    from hydro_twin.ros.spin import main as spin
     return spin(arguments)
 
 

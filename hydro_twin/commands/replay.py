@@ -48,7 +48,7 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
         Samples, series and errors, each in the output's unit; or the messages played by topic.
     """
     if args.publish:
-        from hydro_twin.player import play
+        from hydro_twin.ros.player import play
         return {'played': play(args.bag, args.rate, args.loop, args.clock, args.ros_args)}
     if args.ros_args:
         raise UserError('--ros-args are for --publish')

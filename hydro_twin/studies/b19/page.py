@@ -21,7 +21,7 @@ NETWORKS = ('mlp', 'hybrid')
 
 
 def write_page(results: Mapping[str, Any], folder: Path) -> None:
-    """Write load_simulator.json, the figures, and the blocks of load_simulator.md.
+    """Write load_simulator.json, the figures, and the blocks of docs/load_simulator.md.
 
     Raises:
         UserError: the page has not the blocks that it should have.

@@ -11,7 +11,7 @@ from rclpy.executors import Executor, SingleThreadedExecutor
 from rclpy.signals import SignalHandlerOptions
 
 from hydro_twin.errors import UserError
-from hydro_twin.node import TwinNode
+from hydro_twin.ros.node import TwinNode
 
 SWITCH = 5e-4    # for how long the other thread may keep a message waiting [s]
 

@@ -13,7 +13,7 @@ from std_msgs.msg import String
 
 from hydro_twin.live.diagnostics import Status
 from hydro_twin.live.twin import Twin
-from hydro_twin.topics import blamed, OVERRIDES
+from hydro_twin.ros.topics import blamed, OVERRIDES
 
 
 class Announcer:

@@ -79,7 +79,8 @@ def test_every_plant_is_a_choice_and_what_a_system_sets_is_an_argument(launched:
     assert {'model', 'models', 'config', 'mode', 'wait', 'use_sim_time', 'autostart', 'namespace',
             'name', 'log_level'} <= set(given)
     for setting in SETTINGS:
-        if isinstance(setting.default, str | bool | float) and setting.name != 'model':
+        if isinstance(setting.default, str | bool | float) and setting.name not in (
+                'model', 'sample_time'):     # the latter is of the model, or of a file
             assert given[setting.name]['default_value'] == (
                 str(setting.default).lower() if isinstance(setting.default, bool)
                 else str(setting.default))
@@ -89,7 +90,7 @@ def test_the_launch_file_sets_parameters_that_the_node_declares(launched: Any) -
     made = node(launched)
     assert (made.words['package'], made.words['executable']) == ('hydro_twin', 'node')
     values, = made.words['parameters']
-    assert set(values) == {s.name for s in SETTINGS} - {'plant'} | {'use_sim_time'}
+    assert set(values) == {s.name for s in SETTINGS} - {'plant', 'sample_time'} | {'use_sim_time'}
     assert {word: made.words[word].args for word in ('name', 'namespace')} == {
         'name': ('name',), 'namespace': ('namespace',)}
     level, value = made.words['ros_arguments']

@@ -15,8 +15,8 @@ from ros_rig import own_domain  # noqa: E402
 
 from hydro_twin.errors import UserError  # noqa: E402
 from hydro_twin.model import Estimate, Model, write_model  # noqa: E402
-from hydro_twin.node import TwinNode  # noqa: E402
 from hydro_twin.plants import plant_named  # noqa: E402
+from hydro_twin.ros.node import TwinNode  # noqa: E402
 
 # What rclpy imports imports what is out of date.
 pytestmark = pytest.mark.filterwarnings("ignore:module 'sre_")

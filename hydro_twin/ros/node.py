@@ -18,7 +18,6 @@ from rclpy.parameter import Parameter
 from rclpy.timer import Timer
 from std_srvs.srv import Trigger
 
-from hydro_twin.announcer import Announcer
 from hydro_twin.errors import ModelError, UserError
 from hydro_twin.live.diagnostics import Diagnosis
 from hydro_twin.live.live import Feed, Live
@@ -34,10 +33,11 @@ from hydro_twin.live.models import (
 from hydro_twin.live.outlet import Outlet
 from hydro_twin.live.twin import Twin
 from hydro_twin.live.worker import Worker
-from hydro_twin.parameters import declare_parameters, objection, SignalParameters
 from hydro_twin.plants import plant_named
 from hydro_twin.recording.clock import check_live
-from hydro_twin.topics import Topics
+from hydro_twin.ros.announcer import Announcer
+from hydro_twin.ros.parameters import declare_parameters, objection, SignalParameters
+from hydro_twin.ros.topics import Topics
 
 TICK = 0.05      # how often the steady timer looks for inputs that are late [s]
 PERIOD = 1.0     # of the diagnostics [s]
