@@ -4,7 +4,6 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 import math
-import os
 from pathlib import Path
 from typing import Any
 
@@ -13,6 +12,7 @@ import yaml
 from hydro_twin.effects import Effect, EFFECTS, Placed
 from hydro_twin.effects.curve import CURVE, over
 from hydro_twin.errors import ModelError, UserError
+from hydro_twin.files import write_whole
 from hydro_twin.plants import Plant, plant_named, Port
 from hydro_twin.recording.clock import same
 
@@ -234,12 +234,9 @@ def write_model(model: Model, path: Path) -> None:
         ModelError: the file cannot be written there.
     """
     text = yaml.safe_dump(document(model), sort_keys=False, allow_unicode=True)
-    part = path.with_name(f'.{path.name}.{os.getpid()}')
     try:
-        part.write_text(text, encoding='utf-8')
-        part.replace(path)
+        write_whole(path, text)
     except OSError as error:
-        part.unlink(missing_ok=True)
         raise ModelError(f'{path}: cannot be written ({error.strerror})') from error
 
 

@@ -7,13 +7,12 @@ from __future__ import annotations
 
 from collections.abc import Callable
 import importlib.util
-import os
-from pathlib import Path
 import sys
 from typing import Any
 
 from hydro_twin.compiled import CACHE
 from hydro_twin.effects import curve, Effect, EFFECTS, MODULES
+from hydro_twin.files import write_whole
 
 NAME = 'hydro_twin_dispatch'
 LAWS = [(name, effect.law) for name, effect in
@@ -40,9 +39,7 @@ def load() -> Callable[..., Any]:
     """Write the module where it is missing, whole or not at all, and import it."""
     path = CACHE / f'{NAME}.py'
     if not path.exists():
-        part = path.with_suffix(f'.{os.getpid()}')
-        part.write_text(source())
-        Path.replace(part, path)
+        write_whole(path, source())
     spec = importlib.util.spec_from_file_location(NAME, path)
     assert spec is not None
     assert spec.loader is not None

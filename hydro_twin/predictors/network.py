@@ -4,7 +4,6 @@ from __future__ import annotations
 from dataclasses import dataclass
 import json
 import math
-import os
 from pathlib import Path
 
 import numpy as np
@@ -14,6 +13,7 @@ from safetensors.numpy import save
 
 from hydro_twin.compiled import compiled
 from hydro_twin.errors import ModelError
+from hydro_twin.files import write_whole
 
 FloatArray = npt.NDArray[np.float64]
 IntArray = npt.NDArray[np.int64]
@@ -141,12 +141,7 @@ def save_network(network: Network, path: Path) -> None:
                'output_limit': np.array([network.limit])}
     metadata = {'format': FORMAT, 'sizes': json.dumps(network.sizes.tolist()),
                 'activation': network.cell}
-    beside = path.with_name(f'.{path.name}.{os.getpid()}')
-    try:
-        beside.write_bytes(save(tensors, metadata))
-        beside.replace(path)
-    finally:
-        beside.unlink(missing_ok=True)
+    write_whole(path, save(tensors, metadata))
 
 
 def load_network(path: Path) -> Network:

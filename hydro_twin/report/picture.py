@@ -2,12 +2,12 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-import os
 from pathlib import Path
 
 from matplotlib.figure import Figure
 import numpy as np
 
+from hydro_twin.files import written_whole
 from hydro_twin.plants.plant import FloatArray, Plant
 from hydro_twin.predictors.scores import pooled, rms
 from hydro_twin.recording.series import Recording
@@ -50,9 +50,5 @@ def draw(recording: Recording, plant: Plant, runs: Mapping[str, Sequence[FloatAr
 
 def write_picture(figure: Figure, path: Path) -> None:
     """Write a figure as PNG, whole or not at all; the same figure gives the same bytes."""
-    part = path.with_name(f'.{path.name}.{os.getpid()}')
-    try:
+    with written_whole(path) as part:
         figure.savefig(part, format='png', dpi=90, metadata={'Software': None})
-        part.replace(path)
-    finally:
-        part.unlink(missing_ok=True)

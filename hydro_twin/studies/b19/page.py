@@ -10,6 +10,7 @@ from typing import Any
 from matplotlib.figure import Figure
 
 from hydro_twin.errors import UserError
+from hydro_twin.files import write_whole
 from hydro_twin.studies.b19 import blocks as b
 from hydro_twin.studies.b19.comparison import svg
 from hydro_twin.studies.b19.findings import findings
@@ -28,11 +29,11 @@ def write_page(results: Mapping[str, Any], folder: Path) -> None:
     """
     page = folder / 'load_simulator.md'
     text = filled(page.read_text(encoding='utf-8'), blocks(results))
-    (folder / 'load_simulator.json').write_text(json.dumps(results) + '\n', encoding='utf-8')
+    write_whole(folder / 'load_simulator.json', json.dumps(results) + '\n')
     (folder / 'img').mkdir(exist_ok=True)
     for name, drawing in (('learning', learning(results)), ('boxes', boxes(results))):
-        (folder / 'img' / f'load_simulator_{name}.svg').write_text(drawing, encoding='utf-8')
-    page.write_text(text, encoding='utf-8')
+        write_whole(folder / 'img' / f'load_simulator_{name}.svg', drawing)
+    write_whole(page, text)
 
 
 def blocks(results: Mapping[str, Any]) -> dict[str, str]:

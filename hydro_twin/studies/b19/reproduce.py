@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 
 from hydro_twin.commands.common import read, Rig, rig_of
+from hydro_twin.files import write_whole
 from hydro_twin.fitting.coefficients import coefficients_of
 from hydro_twin.fitting.network import SETTINGS, Settings
 from hydro_twin.fitting.network_search import choose, Scores
@@ -232,9 +233,7 @@ def run_step(name: str, job: Job) -> Any:
         found = rounded(STEPS[name](job))
         if found is None:
             return None
-        beside = path.with_suffix('.part')
-        beside.write_text(json.dumps(found, allow_nan=False), encoding='utf-8')
-        beside.replace(path)
+        write_whole(path, json.dumps(found, allow_nan=False))
     return json.loads(path.read_text(encoding='utf-8'))
 
 

@@ -11,6 +11,7 @@ import numpy as np
 
 from hydro_twin.commands.common import progress
 from hydro_twin.commands.main import plain
+from hydro_twin.files import write_whole
 from hydro_twin.model import Model
 from hydro_twin.predictors.analytical import Analytical
 from hydro_twin.recording.read import read_recording
@@ -18,7 +19,6 @@ from hydro_twin.recording.series import FloatArray
 from hydro_twin.recording.signals import load_signals
 from hydro_twin.studies.l18.closed_loop import agreement, Run, run_loop
 from hydro_twin.studies.l18.event import CONSTANTS, LOAD, load_loop_constants, simulated_frequency
-from hydro_twin.studies.l18.files import write_whole
 from hydro_twin.studies.l18.power_control import power_asked
 from hydro_twin.studies.l18.servo_model import (
     published,

@@ -7,12 +7,12 @@ from pathlib import Path
 from typing import Any
 
 from hydro_twin.commands.main import plain
+from hydro_twin.files import write_whole
 from hydro_twin.model import Estimate
 from hydro_twin.recording.series import FloatArray, Recording
 from hydro_twin.report.picture import write_picture
 from hydro_twin.studies.l18.direct import fit_free_run, fit_one_step
 from hydro_twin.studies.l18.figures import draw_fit, residual_figures
-from hydro_twin.studies.l18.files import write_whole
 from hydro_twin.studies.l18.linear_loop import LoopParameters, PUBLISHED
 from hydro_twin.studies.l18.published_method import fit_published, predict_rivals, PublishedFit
 

@@ -19,6 +19,7 @@ import numpy as np
 
 from hydro_twin.commands.common import progress, read, rig_of
 from hydro_twin.errors import UserError
+from hydro_twin.files import write_whole
 from hydro_twin.plants.valve_servo import VALVE_SERVO
 from hydro_twin.recording.series import Recording
 from hydro_twin.report.picture import write_picture
@@ -27,7 +28,6 @@ from hydro_twin.studies.l18 import figures
 from hydro_twin.studies.l18.closed_loop import agreement, Run
 from hydro_twin.studies.l18.direct import NAMES
 from hydro_twin.studies.l18.event import LOAD, load_loop_constants, simulated_frequency
-from hydro_twin.studies.l18.files import write_whole
 from hydro_twin.studies.l18.frequency_control import run_both
 from hydro_twin.studies.l18.identify import identify
 from hydro_twin.studies.l18.linear_loop import exact_equivalent, PUBLISHED, Weights

@@ -1,0 +1,34 @@
+"""Files that are written whole or not at all."""
+from __future__ import annotations
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+import os
+from pathlib import Path
+
+
+@contextmanager
+def written_whole(path: Path) -> Iterator[Path]:
+    """Give a path beside a file to write to; it takes the file's place when all is written.
+
+    Where the writing fails, or is interrupted, the file stays as it was.
+
+    Raises:
+        OSError: the file cannot be put there.
+    """
+    part = path.with_name(f'.{path.name}.{os.getpid()}')
+    try:
+        yield part
+        part.replace(path)
+    finally:
+        part.unlink(missing_ok=True)
+
+
+def write_whole(path: Path, content: bytes | str) -> None:
+    """Write a file, text in UTF-8, whole or not at all.
+
+    Raises:
+        OSError: the file cannot be written there.
+    """
+    with written_whole(path) as part:
+        part.write_bytes(content.encode() if isinstance(content, str) else content)
