@@ -96,7 +96,7 @@ def load_signals(plant: str, names: Sequence[str], config: Path | None = None,
     if config is not None:
         parameters |= load_parameters(config)
     source = str(config or default_config(plant))
-    if parameters['plant'] not in ('', plant):
+    if parameters.get('plant', '') not in ('', plant):
         raise UserError(f'{source}: for the plant {parameters["plant"]}, not {plant}')
     # A name without a slash is relative to the namespace of the node, which a bag does not have.
     return {name: replace(where, topic=f'/{where.topic.removeprefix("/")}') for name, where in

@@ -181,13 +181,13 @@ def test_a_network_runs_at_its_own_clock_only(bags, model, tmp_path, capsys, kin
 @pytest.mark.slow
 def test_networks_are_trained_at_the_clock_of_the_recording(bags, model, tmp_path, capsys):
     pytest.importorskip('torch')
-    small = ('--hidden', '2', '--epochs', '1')
+    small = ('--hidden', '2', '--epochs', '50')
     refit(capsys, bags[4], tmp_path / 'mlp.yaml', '--predictor', 'mlp', *small)
     hybrid = refit(capsys, bags[4], tmp_path / 'hybrid.yaml', '--predictor', 'hybrid', '--model',
                    model, *small)
     assert hybrid['sample_time'] == read_model(tmp_path / 'mlp.yaml').sample_time == 0.004
     # Run at 4 ms as it was at 2 ms, the physics would move at half the speed.
-    assert hybrid['test']['free_run'] < 10 * NOISE
+    assert hybrid['test']['one_step'] < 3 * NOISE
 
 
 @pytest.mark.parametrize(('every_ms', 'given', 'sample_time'), [
@@ -248,7 +248,7 @@ def test_a_table_at_its_own_rate(fast, tmp_path, capsys):
 
 def test_a_study_runs_at_the_clock_of_its_recordings(monkeypatch):
     """Its networks are left out: their models are looked at only."""
-    from hydro_twin.fitting import study
+    from hydro_twin.studies.b19 import study
 
     models = []
     monkeypatch.setattr(study, 'TITLES', {'least_squares': 'LS', 'mlp': 'MLP', 'hybrid': 'hybrid'})

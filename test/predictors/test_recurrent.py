@@ -9,7 +9,7 @@ import pytest
 
 from hydro_twin.errors import ModelError
 from hydro_twin.model import Model, write_model
-from hydro_twin.plants import LOAD_SIMULATOR
+from hydro_twin.plants.load_simulator import LOAD_SIMULATOR
 from hydro_twin.predictors import load
 from hydro_twin.predictors.hybrid import NetworkPredictor
 from hydro_twin.predictors.network import load_network, Network, save_network

@@ -10,7 +10,9 @@ from hydro_twin.fitting.candidate import parts_of
 from hydro_twin.fitting.refit import fit_physics
 from hydro_twin.live.twin import Twin
 from hydro_twin.model import Estimate, FittedEffect, Model, place
-from hydro_twin.plants import CYLINDER, PLANTS, VALVE_SERVO
+from hydro_twin.plants import PLANTS
+from hydro_twin.plants.cylinder import CYLINDER
+from hydro_twin.plants.valve_servo import VALVE_SERVO
 from hydro_twin.predictors.analytical import Analytical
 from hydro_twin.predictors.scores import errors_of
 from hydro_twin.recording.series import Recording, Series, split

@@ -106,7 +106,8 @@ def looked_at(fit, parts):
     foretold(fit, parts)
     fit.identifiability()
     factor = harmless_factor(fit, parts, 10**6)
-    thin(excerpt(parts, factor), fit.candidate.plant, factor)
+    plant, sample_time = fit.candidate.plant, fit.candidate.sample_time
+    thin(excerpt(parts, plant, sample_time, factor), plant, factor)
     assert proof(fit, fit, parts, 0).relative == 0.0
 
 

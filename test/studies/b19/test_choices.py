@@ -6,7 +6,7 @@ import pytest
 from scipy.signal import lfilter
 
 from hydro_twin.model import Model
-from hydro_twin.plants import LOAD_SIMULATOR
+from hydro_twin.plants.load_simulator import LOAD_SIMULATOR
 from hydro_twin.recording.series import Recording, Series
 from hydro_twin.studies.b19.choices import delayed
 from hydro_twin.studies.b19.outlook import Arx
