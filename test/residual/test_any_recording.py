@@ -5,7 +5,7 @@ from dataclasses import replace
 import os
 from pathlib import Path
 
-from hypothesis import given, HealthCheck, settings
+from hypothesis import given, HealthCheck, Phase, settings
 from hypothesis import strategies as st
 import numpy as np
 import pytest
@@ -29,6 +29,15 @@ from hydro_twin.residual.verdict import judge
 BAGS = Path(__file__).parents[2] / 'bags'
 SOURCES = (('load_simulator', 'rig_a'), ('valve_servo', 'valve_limit'))
 DATA = Path(os.environ.get('HYDRO_TWIN_DATA', 'nowhere'))
+MORE = int(os.environ.get('HYDRO_TWIN_EXAMPLES', '1'))      # times as many, to search for more
+
+
+def examples(count):
+    """Set how many to try; not to make a failing one smaller, which takes minutes."""
+    return settings(max_examples=MORE * count, derandomize=MORE == 1,
+                    phases=(Phase.explicit, Phase.generate),
+                    suppress_health_check=list(HealthCheck), deadline=None)
+
 
 # Numbers that overflow end as errors that are very large, which numpy remarks on.
 pytestmark = pytest.mark.filterwarnings('ignore::RuntimeWarning')
@@ -111,7 +120,7 @@ def looked_at(fit, parts):
     assert proof(fit, fit, parts, 0).relative == 0.0
 
 
-@settings(max_examples=4, derandomize=True, suppress_health_check=list(HealthCheck))
+@examples(4)
 @given(cuts(largest=160))
 def test_what_is_asked_of_any_fit_is_answered(drawn):
     try:
@@ -122,7 +131,7 @@ def test_what_is_asked_of_any_fit_is_answered(drawn):
 
 
 @pytest.mark.slow
-@settings(max_examples=25, derandomize=True, suppress_health_check=list(HealthCheck))
+@examples(8)
 @given(cuts(largest=300))
 def test_screening_and_curves_are_answered_too(drawn):
     try:
@@ -137,7 +146,7 @@ def test_screening_and_curves_are_answered_too(drawn):
 
 
 @pytest.mark.slow
-@settings(max_examples=6, derandomize=True, suppress_health_check=list(HealthCheck))
+@examples(2)
 @given(cuts(largest=300))
 def test_a_trace_ends_in_a_verdict_or_one_line(drawn):
     ends(*recording_of(drawn))
