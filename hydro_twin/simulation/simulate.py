@@ -13,7 +13,8 @@ from hydro_twin.simulation.integrator import integrate
 
 Excitation = Callable[[FloatArray], FloatArray]     # times [s] -> values of one input
 
-LONGEST_STEP = 25e-6                        # [s]
+LONGEST_STEP = 0.0125   # of the plant's sample time: 25 us at 2 ms, which resolves a stiff effect
+USUAL = 0.002                               # [s], below which no step needs to be shorter still
 FASTEST = 0.05                              # step times fastest pole of the linear laws, at most
 BLOCK = 500                                 # samples integrated at once
 
@@ -41,7 +42,8 @@ def simulate(plant: Plant, values: Mapping[str, float], effects: Sequence[Placed
     laws = plant.laws(values)
     count = round(duration / T)
     fastest = float(np.abs(np.linalg.eigvals(laws.A)).max())
-    steps = int(np.ceil(T / min(LONGEST_STEP, FASTEST / max(fastest, 1e-9))))
+    longest = min(LONGEST_STEP * max(plant.sample_time, USUAL), FASTEST / max(fastest, 1e-9))
+    steps = int(np.ceil(T / longest))
     h = T / steps
     table, p, memory = _tables(plant, effects)
     moves = np.hstack([laws.A, laws.B, laws.E])
