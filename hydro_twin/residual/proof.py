@@ -9,6 +9,7 @@ import numpy as np
 from hydro_twin.fitting.candidate import Part
 from hydro_twin.fitting.free_run import Fit
 from hydro_twin.plants.plant import FloatArray
+from hydro_twin.predictors.kernel import LIMIT
 
 BLOCK = 50              # samples, longer than the memory of the plants' errors
 DRAWS = 2000
@@ -33,10 +34,11 @@ def improvement(before: Sequence[FloatArray], after: Sequence[FloatArray], seed:
     """Compare two sets of residuals on the same samples, stretch by stretch.
 
     Blocks of samples are drawn with replacement, both residuals together, so that the interval
-    allows for their memory and for their likeness [Kuensch 1989].
+    allows for their memory and for their likeness [Kuensch 1989]. A run that diverged counts as
+    an error of `LIMIT` from there on.
     """
     pairs = []
-    for a, b in zip(before, after, strict=True):
+    for a, b in zip(map(_bounded, before), map(_bounded, after), strict=True):
         for begin in range(0, len(a), BLOCK):
             pairs.append((float(np.sum(a[begin:begin + BLOCK] ** 2)),
                           float(np.sum(b[begin:begin + BLOCK] ** 2))))
@@ -46,6 +48,11 @@ def improvement(before: Sequence[FloatArray], after: Sequence[FloatArray], seed:
     low, high = np.quantile(1.0 - drawn[:, 1] / np.maximum(drawn[:, 0], 1e-300), [0.01, 0.99])
     total = sums.sum(axis=0)
     return Improvement(float(1.0 - total[1] / max(total[0], 1e-300)), float(low), float(high))
+
+
+def _bounded(error: FloatArray) -> FloatArray:
+    bounded: FloatArray = np.clip(np.nan_to_num(error, nan=LIMIT), -LIMIT, LIMIT)
+    return bounded
 
 
 def residuals(fit: Fit, unseen: Sequence[Part]) -> list[FloatArray]:

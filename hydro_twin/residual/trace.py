@@ -11,7 +11,6 @@ from hydro_twin.fitting.candidate import Candidate, least_samples, Part, parts_o
 from hydro_twin.fitting.free_run import Fit, fit_linear
 from hydro_twin.model import Model
 from hydro_twin.plants import Plant
-from hydro_twin.predictors import kernel
 from hydro_twin.predictors.analytical import Analytical
 from hydro_twin.predictors.scores import Errors, errors_by_series, errors_of, rms
 from hydro_twin.recording.series import Recording, split
@@ -264,10 +263,8 @@ def _linear(plain: Candidate, parts: Sequence[Part], seed: int) -> Fit:
 
 def _gain(before: Fit, after: Fit, test: Recording, seed: int) -> Improvement:
     """Compare the free runs that are reported, on data that was not fitted."""
-    first, then = (
-        [np.nan_to_num(error, nan=kernel.LIMIT) for error in errors_by_series(
-            Analytical(fit.candidate.model()), test.series, 'free_run')]
-        for fit in (before, after))
+    first, then = (errors_by_series(Analytical(fit.candidate.model()), test.series, 'free_run')
+                   for fit in (before, after))
     return improvement(first, then, seed)
 
 
