@@ -48,13 +48,13 @@ numba.config.CACHE_DIR = str(CACHE)  # type: ignore[attr-defined]
 class _Notice(event.Listener):
     """Tells a person at a terminal, once, why the first run takes longer."""
 
-    told = False
+    shown = False
 
     def on_start(self, event: event.Event) -> None:  # noqa: ARG002
         """Speak at the first compilation; what comes from the cache is none."""
-        if not self.told and sys.stderr.isatty():
+        if not self.shown and sys.stderr.isatty():
             print('compiling, once for this version: about 10 s', file=sys.stderr)
-        self.told = True
+        self.shown = True
 
     def on_end(self, event: event.Event) -> None:
         """Say nothing more."""

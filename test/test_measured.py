@@ -158,9 +158,8 @@ def test_leg(shell: Shell, tmp_path: Path) -> None:
           '--map', maps / 'leg.yaml')
     found = shell('trace', tmp_path / 'leg', '--plant', 'load_simulator', '--config',
                   maps / 'leg_rig.yaml', '-o', tmp_path / 'out')
-    assert [(effect['id'], effect['certain']) for effect in found['effects']] == [
-        ('saturation', False)]
-    assert (found['found']['port'], found['found']['signal']) == ('sensor', 'value')
+    assert (found['verdict'], found['effects']) == ('unexplained', [])
+    assert (found['found']['port'], found['found']['signal']) == ('flow', 'opening')
     documented('linear, of the shape', f'{found["before"]["free_run"]["test"]:.1f}')
     documented('with what is found', f'{found["after"]["free_run"]["test"]:.1f}')
 

@@ -30,7 +30,7 @@ def refined(span: Span, values: tuple[float, ...]) -> Starts:
     return [(width, 0.2 * width, 0.0), (width, -0.2 * width, 0.0), (1.3 * width, centre, 0.2)]
 
 
-def told(span: Span, values: tuple[float, ...]) -> bool:
+def distinguishable(span: Span, values: tuple[float, ...]) -> bool:
     """Tell a zone about rest that lets little pass, and is entered, from a bias or a bend."""
     width, centre, leak = values
     return (abs(centre) < width and leak < HALF
@@ -51,6 +51,6 @@ EFFECT = Effect(
     starts=starts,
     excitation='use small slow commands about the middle',
     refined=refined,
-    told=told,
+    distinguishable=distinguishable,
     law=law,
 )

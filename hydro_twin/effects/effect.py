@@ -81,8 +81,8 @@ class Effect:
             its first start, the gentlest, is always searched from.
         refined: what the recording reaches and the parameters of the simple law -> sets of
             parameters to begin at with refinements let in.
-        told: what the recording reaches and parameters -> whether such a recording tells them
-            from something simpler; where it does not, the effect is no candidate.
+        distinguishable: what the recording reaches and parameters -> whether such a recording
+            separates them from something simpler; where it does not, the effect is not tried.
         passes_for: what the recording reaches -> the id of the simpler effect that it would look
             like there, and '' where it would show for what it is.
         implicit: the law takes the signals as they would be without it, and answers with what
@@ -100,7 +100,7 @@ class Effect:
     beyond_reach: bool = False
     hides: bool = False
     refined: Callable[[Span, tuple[float, ...]], Starts] | None = None
-    told: Callable[[Span, tuple[float, ...]], bool] | None = None
+    distinguishable: Callable[[Span, tuple[float, ...]], bool] | None = None
     passes_for: Callable[[Span], str] | None = None
     law: Callable[..., Any] | None = None
     reads: tuple[str, ...] = ()

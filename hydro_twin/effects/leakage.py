@@ -27,7 +27,7 @@ def starts(span: Span) -> Starts:
             for exponent in (0.5, 2.0, 3.0) for share in (0.1, 0.5)]
 
 
-def told(span: Span, values: tuple[float, ...]) -> bool:
+def distinguishable(span: Span, values: tuple[float, ...]) -> bool:
     """Tell leakage from laminar one: what hardly differs from it imitates something else."""
     return abs(values[1] - 1.0) > NEARLY
 
@@ -43,6 +43,6 @@ EFFECT = Effect(
     ),
     starts=starts,
     excitation='hold high load pressure, both ways',
-    told=told,
+    distinguishable=distinguishable,
     law=law,
 )

@@ -34,7 +34,7 @@ def starts(span: Span) -> Starts:
     return [values for k in range(int(60.0 / step))
             for values in ((small, 0.0, 3.0 + step * k, *NO_HARMONICS),
                            (0.0, small, 3.0 + step * k, *NO_HARMONICS))
-            if told(span, values)]
+            if distinguishable(span, values)]
 
 
 def refined(span: Span, values: tuple[float, ...]) -> Starts:
@@ -43,10 +43,10 @@ def refined(span: Span, values: tuple[float, ...]) -> Starts:
     small = 0.1 * math.hypot(cosine, sine)
     return [forms for forms in ((cosine, sine, periods, small, small, small, small),
                                 (small, small, periods / 2.0, cosine, sine, small, small))
-            if told(span, forms)]
+            if distinguishable(span, forms)]
 
 
-def told(span: Span, values: tuple[float, ...]) -> bool:
+def distinguishable(span: Span, values: tuple[float, ...]) -> bool:
     """Less than half a period is a bias, or a spring, for all one can see."""
     return values[2] * span.travel['position'] > math.pi
 
@@ -74,7 +74,7 @@ EFFECT = Effect(
     excitation='turn the motor slowly through several periods',
     hides=True,
     refined=refined,
-    told=told,
+    distinguishable=distinguishable,
     passes_for=passes_for,
     law=law,
 )

@@ -17,13 +17,13 @@ from hydro_twin.fitting.one_step import at_bound, sensitivities
 from hydro_twin.fitting.populations import fit_one_step
 from hydro_twin.fitting.populations import METHODS as POPULATIONS
 from hydro_twin.fitting.regression import regression
+from hydro_twin.fitting.whiteness import is_white
 from hydro_twin.model import Estimate, Model
 from hydro_twin.plants import Plant
 from hydro_twin.plants.plant import Parameter
 from hydro_twin.predictors.analytical import Analytical
 from hydro_twin.predictors.scores import Errors, persistence, predict
 from hydro_twin.recording.series import Recording
-from hydro_twin.residual.noise import is_white
 
 CRITERIA = ('free_run', 'one_step')
 METHODS = ('least_squares', *POPULATIONS)

@@ -153,9 +153,9 @@ def illustrate_effect(fit: Fit, placed: Placed, parts: Sequence[Part]) -> Illust
     colours = (FOUND, BEFORE)
     curves = [Curve('law, as it acts in the run', x[::every], added[::every], AFTER, 'dots')]
     for free, colour in zip(free_curves(fit, placed, seen, over), colours, strict=False):
-        told = free.std_error < WIDEST * max(float(np.ptp(added)), abs(float(added.max())))
-        curves.append(Curve(free.label, free.knots[told], free.added[told], colour, 'points',
-                            2.0 * free.std_error[told]))
+        shown = free.std_error < WIDEST * max(float(np.ptp(added)), abs(float(added.max())))
+        curves.append(Curve(free.label, free.knots[shown], free.added[shown], colour, 'points',
+                            2.0 * free.std_error[shown]))
     caption = (
         f'What is added to the {placed.port.meaning}, over the signal on which that depends most '
         f'plainly. The free curve knows no law: it is fitted to what the model would leave '

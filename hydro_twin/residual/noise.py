@@ -1,4 +1,4 @@
-"""What a residual looks like by itself: noise floor, memory, whiteness, spectral lines, bursts."""
+"""What a residual looks like by itself: noise floor, memory, spectral lines, bursts."""
 from __future__ import annotations
 
 from collections.abc import Sequence
@@ -10,8 +10,6 @@ from scipy import linalg, signal, stats
 from hydro_twin.plants.plant import FloatArray
 from hydro_twin.predictors.scores import rms
 
-LAGS = 25
-CONFIDENCE = 0.99
 SPELL = 50              # samples of which the power is taken together, to see when it is large
 BURST = 4.0             # power of such, over what three in four stay below, that is loud
 SELDOM, MUCH = 0.1, 0.4         # most time that bursts may take, least of the power they hold
@@ -60,21 +58,6 @@ def whiten(stretches: Sequence[FloatArray], filter_: FloatArray) -> FloatArray:
     """Filter every stretch and join them, without the samples that lack a past."""
     cut = len(filter_) - 1
     return np.concatenate([signal.lfilter(filter_, [1.0], r)[cut:] for r in stretches])
-
-
-def is_white(stretches: Sequence[FloatArray]) -> bool:
-    """Ljung-Box test over 25 lags at 99 %, each stretch by itself, together by their sum."""
-    statistic, freedom = 0.0, 0
-    for r in stretches:
-        n = len(r)
-        centred = r - r.mean()
-        power = centred @ centred
-        if n <= 2 * LAGS or power <= 0.0:
-            continue
-        rho = np.array([centred[lag:] @ centred[:n - lag] for lag in range(1, LAGS + 1)]) / power
-        statistic += n * (n + 2) * float(np.sum(rho**2 / (n - np.arange(1, LAGS + 1))))
-        freedom += LAGS
-    return freedom == 0 or bool(statistic < stats.chi2.ppf(CONFIDENCE, freedom))
 
 
 @dataclass(frozen=True)

@@ -28,9 +28,10 @@ from hydro_twin.fitting.free_run import (
     usual,
 )
 from hydro_twin.fitting.parallel import in_processes
+from hydro_twin.fitting.whiteness import is_white
 from hydro_twin.plants.plant import FloatArray
 from hydro_twin.predictors.scores import rms
-from hydro_twin.residual.noise import autoregression, is_white, whiten
+from hydro_twin.residual.noise import autoregression, whiten
 from hydro_twin.residual.screen import places, Prospect, screen, spans
 
 AGAIN = 5               # effects, the best by their score, that start from two places
@@ -300,7 +301,7 @@ def _forms(fit: Fit, parts: Sequence[Part], index: int) -> list[Candidate]:
 def told(fit: Fit, parts: Sequence[Part]) -> bool:
     """Whether the recording tells the last effect, as fitted, from something simpler."""
     last = fit.candidate.effects[-1]
-    return last.effect.told is None or last.effect.told(
+    return last.effect.distinguishable is None or last.effect.distinguishable(
         spans(fit.candidate, parts)[last.port], last.values)
 
 

@@ -9,6 +9,7 @@ import numpy as np
 
 from hydro_twin.fitting.candidate import Candidate, least_samples, Part, parts_of
 from hydro_twin.fitting.free_run import Fit, fit_linear
+from hydro_twin.fitting.whiteness import is_white
 from hydro_twin.model import Model
 from hydro_twin.plants import Plant
 from hydro_twin.predictors.analytical import Analytical
@@ -37,7 +38,7 @@ from hydro_twin.residual.curve import (
 )
 from hydro_twin.residual.excerpt import excerpt, harmless_factor, resampled, thin
 from hydro_twin.residual.limits import without_unreached
-from hydro_twin.residual.noise import Burst, bursts, is_white, Line, lines, noise_floor
+from hydro_twin.residual.noise import Burst, bursts, Line, lines, noise_floor
 from hydro_twin.residual.proof import Improvement, improvement, proof, residuals
 from hydro_twin.residual.screen import Hidden, hidden
 from hydro_twin.residual.select import CLEARLY, contend, criterion, search, stretches

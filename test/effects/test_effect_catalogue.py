@@ -63,7 +63,7 @@ def test_a_search_starts_within_the_bounds_and_leads_to_the_simple_law(site):
     starts = list(effect.starts(span))
     assert starts
     for start in starts:
-        assert effect.told is None or effect.told(span, start)
+        assert effect.distinguishable is None or effect.distinguishable(span, start)
         for p, value in zip(effect.parameters, start, strict=True):
             assert p.lower <= value <= p.upper
             assert p.refinement in (None, value) or effect.refined is not None
@@ -119,29 +119,29 @@ def test_ripple_is_told_from_a_bias_only_by_most_of_a_period():
     ripple = next(effect for effect in EFFECTS if effect.id == 'ripple')
     span = Span(-1.0, 1.0, {'velocity': 1.0, 'position': 1.0}, {'velocity': 2.0, 'position': 0.5},
                 0.002)
-    assert not ripple.told(span, (1.0, 0.0, 2 * math.pi))
-    assert ripple.told(span, (1.0, 0.0, 4 * math.pi))
+    assert not ripple.distinguishable(span, (1.0, 0.0, 2 * math.pi))
+    assert ripple.distinguishable(span, (1.0, 0.0, 4 * math.pi))
 
 
 def test_dead_zone_is_told_from_a_bias_only_where_it_is_entered():
     dead_zone = next(effect for effect in EFFECTS if effect.id == 'dead_zone')
-    assert not dead_zone.told(Span(0.2, 1.0, {}, {}, 0.002), (0.1, 0.0, 0.0))
-    assert not dead_zone.told(Span(-1.0, -0.2, {}, {}, 0.002), (0.1, 0.0, 0.0))
-    assert dead_zone.told(Span(0.0, 1.0, {}, {}, 0.002), (0.1, 0.0, 0.0))
-    assert dead_zone.told(Span(0.01, 1.0, {}, {}, 0.002), (0.1, 0.0, 0.2))
+    assert not dead_zone.distinguishable(Span(0.2, 1.0, {}, {}, 0.002), (0.1, 0.0, 0.0))
+    assert not dead_zone.distinguishable(Span(-1.0, -0.2, {}, {}, 0.002), (0.1, 0.0, 0.0))
+    assert dead_zone.distinguishable(Span(0.0, 1.0, {}, {}, 0.002), (0.1, 0.0, 0.0))
+    assert dead_zone.distinguishable(Span(0.01, 1.0, {}, {}, 0.002), (0.1, 0.0, 0.2))
 
 
 def test_dead_zone_holds_rest_and_lets_little_pass():
     dead_zone = next(effect for effect in EFFECTS if effect.id == 'dead_zone')
     span = Span(-1.0, 1.0, {}, {}, 0.002)
-    assert dead_zone.told(span, (0.1, -0.05, 0.3))
-    assert not dead_zone.told(span, (0.1, -0.15, 0.0))
-    assert not dead_zone.told(span, (0.1, 0.0, 0.7))
+    assert dead_zone.distinguishable(span, (0.1, -0.05, 0.3))
+    assert not dead_zone.distinguishable(span, (0.1, -0.15, 0.0))
+    assert not dead_zone.distinguishable(span, (0.1, 0.0, 0.7))
 
 
 def test_leakage_is_told_from_laminar():
     leakage = next(effect for effect in EFFECTS if effect.id == 'leakage')
     span = wide(next(port for _, effect, port in SITES if effect is leakage))
-    assert leakage.told(span, (1e-6, 0.5))
-    assert leakage.told(span, (1e-6, 2.0))
-    assert not leakage.told(span, (1e-6, 0.94))
+    assert leakage.distinguishable(span, (1e-6, 0.5))
+    assert leakage.distinguishable(span, (1e-6, 2.0))
+    assert not leakage.distinguishable(span, (1e-6, 0.94))

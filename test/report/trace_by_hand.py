@@ -7,12 +7,13 @@ import numpy as np
 
 from hydro_twin.effects.curve import curve, KNOTS
 from hydro_twin.fitting.candidate import Candidate, Part
+from hydro_twin.fitting.whiteness import is_white
 from hydro_twin.model import place
 from hydro_twin.plants import plant_named
 from hydro_twin.recording.series import Recording, Series
 from hydro_twin.residual.chain import Finding
 from hydro_twin.residual.curve import Found
-from hydro_twin.residual.noise import Burst, is_white, Line, noise_floor
+from hydro_twin.residual.noise import Burst, Line, noise_floor
 from hydro_twin.residual.proof import Improvement, improvement
 from hydro_twin.residual.screen import Hidden
 from hydro_twin.residual.select import Contender, search, stretches

@@ -13,12 +13,13 @@ import pytest
 from hydro_twin.commands.common import read, rig_of
 from hydro_twin.errors import UserError
 from hydro_twin.fitting.candidate import Candidate, parts_of
+from hydro_twin.fitting.whiteness import is_white
 from hydro_twin.plants import PLANTS
 from hydro_twin.recording.series import Recording, Series
 from hydro_twin.report.summary import summarise
 from hydro_twin.residual.curve import find_curve
 from hydro_twin.residual.excerpt import excerpt, harmless_factor, thin
-from hydro_twin.residual.noise import bursts, is_white, lines, noise_floor
+from hydro_twin.residual.noise import bursts, lines, noise_floor
 from hydro_twin.residual.proof import proof
 from hydro_twin.residual.screen import hidden, screen
 from hydro_twin.residual.select import search, stretches

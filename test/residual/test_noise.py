@@ -3,11 +3,11 @@ import numpy as np
 import pytest
 from scipy.signal import lfilter
 
+from hydro_twin.fitting.whiteness import is_white
 from hydro_twin.residual.noise import (
     autoregression,
     Burst,
     bursts,
-    is_white,
     lines,
     noise_floor,
     whiten,
