@@ -54,8 +54,8 @@ def test_a_package_brings_a_plant_and_an_effect(installed):
 
 def test_a_package_that_cannot_be_loaded_is_one_line(installed, tmp_path):
     (tmp_path / 'oil_lab' / 'accumulator.py').write_text('ACCUMULATOR = 1 / 0\n')
-    done = installed("from hydro_twin.commands.main import main\n"
-                     "raise SystemExit(main(['refit', 'x', '--plant', 'cylinder', '-o', 'y']))")
+    done = installed('from hydro_twin.commands.main import main; import sys\n'
+                     'sys.exit(main(sys.argv[1:] or "refit x --plant cylinder -o y".split()))')
     assert (done.returncode, done.stderr.count('\n')) == (2, 1)
     assert 'oil-lab registers oil_lab.accumulator:ACCUMULATOR' in done.stderr
 

@@ -43,7 +43,7 @@ def test_table_to_bag_and_back(tmp_path, capsys):
         'bag': str(tmp_path / 'bag'), 'plant': 'cylinder', 'tables': 1, 'series': 1, 'samples': 50,
         'rate': 500.0, 'periods': dict.fromkeys(('p5', 'median', 'p95', 'longest'), 0.002),
         'signals': {'command': {'unit': '1', 'min': 0.0, 'max': 6.0},
-                                   'x': {'unit': 'm', 'min': 0.0, 'max': 49 * 49 * 1e-3}}}
+                    'x': {'unit': 'm', 'min': 0.0, 'max': 49 * 49 * 1e-3}}}
     (series,) = read(tmp_path / 'bag', 'cylinder', 0.002)
     assert series['command'].tolist() == [k % 7 for k in range(50)]
     np.testing.assert_allclose(series['x'], np.arange(50) ** 2 * 1e-3, rtol=1e-14)

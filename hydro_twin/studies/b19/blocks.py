@@ -237,6 +237,7 @@ def share_of_range(results: Results) -> str:
 def swapped(results: Results) -> str:
     """Lay out the study with both parts swapped."""
     study, direct = results['swapped'], results['published']
+
     def row(name: str, of: Mapping[str, Any], part: str, last: bool = True) -> list[str]:
         found = medians(of['runs'], part)
         return [name, *(number(found[m]) for m in (*METHODS, 'least_squares')),

@@ -137,12 +137,12 @@ def physics(job: Job) -> dict[str, Any]:
                                         'one_step', seed) for seed in range(3)}
     fits['one_step'] = fit_physics(job.recordings['train'], plant, constants, 'least_squares',
                                    'one_step', 0)
-    return {name: {
-        'parameters': {key: estimate.value for key, estimate in fit.estimates.items()},
-        'errors': errors_of(Analytical(Model(
-            plant, fit.estimates, constants, job.recordings['train'].sample_time)),
-                            job.recordings)}
-        for name, fit in fits.items()}
+    sample_time = job.recordings['train'].sample_time
+    models = {name: Model(plant, fit.estimates, constants, sample_time)
+              for name, fit in fits.items()}
+    return {name: {'parameters': {key: p.value for key, p in model.parameters.items()},
+                   'errors': errors_of(Analytical(model), job.recordings)}
+            for name, model in models.items()}
 
 
 def mild(job: Job) -> dict[str, Any]:

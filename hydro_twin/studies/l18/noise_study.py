@@ -54,9 +54,9 @@ def _table(clean: Series, done: Callable[[], object]) -> list[str]:
         errors = [' / '.join(_error([fits[method] for fits in found], name) for name in NAMES)
                   for method in found[0]]
         rows.append(f'| {noise:g} | {" | ".join(errors)} |')
+    least = f'Least correlation of prediction and opening, 5-1-1: {100 * min(correlations):.6f} %.'
     return [f'| noise [1] | {" | ".join(found[0])} |', '|---' * (1 + len(found[0])) + '|', *rows,
-            '', ('Least correlation of prediction and opening, 5-1-1: '
-            f'{100 * min(correlations):.6f} %.')]
+            '', least]
 
 
 def _fits(recording: Recording) -> tuple[dict[str, Found], float]:

@@ -128,7 +128,7 @@ def reading(results: Results) -> str:
     direct = {how: {name: f'{e["value"]:.5f} ± {e["std_error"]:.5f}' if e['identifiable']
                     else 'not identifiable' for name, e in fit.items()}
               for how, fit in found['least_squares'].items()}
-    network = {how: {name: f'{read['parameters'][name]:.5f}' if read['parameters'] else 'none'
+    network = {how: {name: f'{read["parameters"][name]:.5f}' if read['parameters'] else 'none'
                      for name in NAMES}
                for how, read in ((how, found['network'][how])
                                  for how in ('nearest', 'exact', 'printed'))}

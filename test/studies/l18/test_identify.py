@@ -31,8 +31,8 @@ def test_prints_what_it_writes(bag: Path, tmp_path: Path,
     assert printed['network']['exact']['parameters']['T_y'] == pytest.approx(PUBLISHED.T_y,
                                                                              rel=0.01)
     assert printed['network']['printed']['parameters'] is None
-    assert printed['network']['nearest']['parameters']['tau'] == pytest.approx(PUBLISHED.tau,
-                                                                              rel=0.01)
+    tau = printed['network']['nearest']['parameters']['tau']
+    assert tau == pytest.approx(PUBLISHED.tau, rel=0.01)
     assert printed['k_1'] == PUBLISHED.k_1 == K_1
     assert sorted(path.stem for path in tmp_path.glob('*.png')) == [
         'figure_10', 'figure_11', 'figure_8', 'figure_9']

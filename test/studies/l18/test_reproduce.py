@@ -22,8 +22,8 @@ def words_and_numbers(text: str) -> tuple[str, list[float]]:
 
 
 def assert_page_says(name: str, block: Callable[[Results], str], results: Results) -> None:
-    (words, numbers), (found_words, found) = map(words_and_numbers, (WRITTEN[name],
-                                                                    block(results)))
+    words, numbers = words_and_numbers(WRITTEN[name])
+    found_words, found = words_and_numbers(block(results))
     assert found_words == words
     assert found == pytest.approx(numbers, rel=LOOSE.get(name, 0.01), abs=1e-9)
 
