@@ -15,7 +15,6 @@ from hydro_twin.residual.structure import drifts
 from hydro_twin.residual.trace import SIXTH, THIRD, Trace
 from hydro_twin.residual.verdict import (
     CLOSE,
-    is_loud,
     is_structured,
     Judged,
     LIKELY,
@@ -138,7 +137,7 @@ def remainder_sentence(trace: Trace) -> str:
         times = trace.unseen / max(trace.after.error, 1e-300)
         parts.append(f'on data that was not fitted the error is {times:.1f} times as large: '
                      'something happens there that does not in the data that was')
-    if not parts and is_loud(trace):
+    if not parts and trace.is_loud:
         parts.append(f'it is {trace.after.error / trace.floor:.0f} times as large as the noise, '
                      f'but depends on nothing that can be seen at the ports')
     if trace.fails:

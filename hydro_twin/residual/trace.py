@@ -123,7 +123,12 @@ class Trace:
 
         Then what an effect would have shown beside it says nothing of the recording.
         """
-        return not self.changed and self.after.error > LOUD * self.floor
+        return not self.changed and self.is_loud
+
+    @property
+    def is_loud(self) -> bool:
+        """Whether more is left than noise that is even remotely white."""
+        return self.after.error > LOUD * self.floor
 
     @property
     def is_stranger(self) -> bool:

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from hydro_twin.residual.chain import Finding, NEAR
 from hydro_twin.residual.screen import places, spans
 from hydro_twin.residual.structure import drifts
-from hydro_twin.residual.trace import LOUD, Trace
+from hydro_twin.residual.trace import Trace
 
 CLOSE = 10.0            # distance of the criterion below which the data do not tell rivals apart
 LEFT = 0.01             # share of what is left, foretold by the ports, that makes a law wrong
@@ -63,12 +63,7 @@ def is_structured(trace: Trace, level: float) -> bool:
     """Whether what is left depends on anything, by tests at this level."""
     share, p_value = trace.foretold
     return bool(trace.depends_on or trace.lines or trace.bursts or drifts(trace.drifts)
-                or trace.is_stranger or is_loud(trace) or (p_value < level and share > LEFT))
-
-
-def is_loud(trace: Trace) -> bool:
-    """Whether more is left than noise that is even remotely white."""
-    return trace.after.error > LOUD * trace.floor
+                or trace.is_stranger or trace.is_loud or (p_value < level and share > LEFT))
 
 
 def _judge(trace: Trace, finding: Finding) -> Judged:
