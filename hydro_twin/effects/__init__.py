@@ -24,7 +24,8 @@ def _found() -> tuple[tuple[str, Effect], ...]:
     Raises:
         ModelError: an entry point is not a module with an effect.
     """
-    names = sorted(module.name for module in pkgutil.iter_modules(__path__))
+    names = sorted(module.name for module in pkgutil.iter_modules(__path__)
+                   if module.name != 'dispatch')    # which is made of all that is found here
     modules = [importlib.import_module(f'{__name__}.{name}') for name in names]
     for module in plugins(GROUP):
         if not isinstance(module, ModuleType) or not isinstance(

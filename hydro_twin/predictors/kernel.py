@@ -17,7 +17,7 @@ Everything a step needs is in a few plain arrays, see `System` in system.py:
 from __future__ import annotations
 
 from hydro_twin.compiled import compiled
-from hydro_twin.predictors.dispatch import apply
+from hydro_twin.effects.dispatch import apply
 
 CODE, PORT, SIGNAL_0, SIGNAL_1, P_BEGIN, P_END, Z_BEGIN, Z_END, IMPLICIT = range(9)
 LIMIT = 1e12                                # an output beyond this has diverged

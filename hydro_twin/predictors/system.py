@@ -9,9 +9,9 @@ import numpy.typing as npt
 from scipy.linalg import expm
 
 from hydro_twin.effects import Placed
+from hydro_twin.effects.dispatch import code
 from hydro_twin.plants.plant import FloatArray, Laws, Plant
 from hydro_twin.predictors import kernel
-from hydro_twin.predictors.dispatch import code
 
 IntArray = npt.NDArray[np.int64]
 

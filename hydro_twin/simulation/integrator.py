@@ -6,7 +6,7 @@ effects add to the value of each port.
 from __future__ import annotations
 
 from hydro_twin.compiled import compiled
-from hydro_twin.predictors.dispatch import apply
+from hydro_twin.effects.dispatch import apply
 
 
 @compiled
