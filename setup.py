@@ -4,8 +4,7 @@ from pathlib import Path
 from setuptools import find_packages, setup
 
 NAME = 'hydro_twin'
-VERBS = ('node', 'replay', 'refit', 'trace', 'simulate', 'import', 'compare', 'identify',
-         'frequency-control')
+B19, L18 = f'{NAME}.studies.b19', f'{NAME}.studies.l18'
 
 
 def share(folder: str, pattern: str) -> list[tuple[str, list[str]]]:
@@ -36,7 +35,8 @@ setup(
         (f'share/{NAME}', ['package.xml']),
         # For `ros2 run`. As console scripts, `node` and `import` would end up in the PATH of a
         # plain install, before Node.js and ImageMagick.
-        (f'lib/{NAME}', [f'scripts/{verb}' for verb in VERBS]),
+        (f'lib/{NAME}', [f'scripts/{path.name}' for path in Path('scripts').iterdir()
+                          if path.name != 'verb']),
         *share('config', '*'),
         *share('launch', '*_launch.py'),
         *share('bags', '*'),
@@ -57,5 +57,18 @@ setup(
         'learn': ['torch>=2.2'],
         'test': ['hypothesis', 'pytest'],   # by which colcon test knows what to run
     },
-    entry_points={'console_scripts': [f'hydro-twin = {NAME}.commands.main:main']},
+    entry_points={
+        'console_scripts': [f'hydro-twin = {NAME}.commands.main:main'],
+        # What the studies add, in the way in which other packages may add theirs.
+        f'{NAME}.verbs': [
+            f'compare = {B19}.commands.compare:VERB',
+            f'frequency-control = {L18}.commands.frequency_control:VERB',
+            f'identify = {L18}.commands.identify:VERB',
+        ],
+        f'{NAME}.methods': [
+            *(f'{name.lower()} = {B19}.populations:{name}' for name in ('BEES', 'EA', 'PSO',
+                                                                        'RANDOM')),
+            f'network = {L18}.method:NETWORK',
+        ],
+    },
 )

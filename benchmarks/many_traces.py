@@ -17,8 +17,8 @@ import sys
 import tempfile
 import time
 
-from hydro_twin.commands.common import read, Rig, rig_of
 from hydro_twin.plants import PLANTS
+from hydro_twin.recording.rig import read, Rig, rig_of
 from hydro_twin.recording.write import write_recording
 
 BAGS = Path(__file__).parents[1] / 'bags'

@@ -19,7 +19,6 @@ from scipy.optimize import differential_evolution
 from scipy.signal import lfilter
 
 from hydro_twin.fitting.one_step import least_squares, one_step_error
-from hydro_twin.fitting.populations import METHODS
 from hydro_twin.fitting.regression import Regression, regression
 from hydro_twin.fitting.search import CYCLES, INDIVIDUALS, Objective
 from hydro_twin.plants.load_simulator import LOAD_SIMULATOR
@@ -28,6 +27,7 @@ from hydro_twin.recording.read import read_recording
 from hydro_twin.recording.series import FloatArray, Series
 from hydro_twin.recording.signals import load_signals
 from hydro_twin.recording.write import write_recording
+from hydro_twin.studies.b19.populations import METHODS
 
 NAMES = [p.name for p in LOAD_SIMULATOR.parameters]
 LOWER = np.array([p.lower for p in LOAD_SIMULATOR.parameters])

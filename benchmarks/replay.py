@@ -15,10 +15,10 @@ import time
 
 import numpy as np
 
-from hydro_twin.commands.common import read, rig_of
 from hydro_twin.model import Estimate, FittedEffect, Model, place
 from hydro_twin.plants import PLANTS
 from hydro_twin.predictors.analytical import Analytical
+from hydro_twin.recording.rig import read, rig_of
 from hydro_twin.recording.series import Series
 from hydro_twin.recording.write import write_recording
 

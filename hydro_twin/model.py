@@ -14,15 +14,16 @@ from hydro_twin.effects.curve import CURVE, over
 from hydro_twin.errors import ModelError, UserError
 from hydro_twin.files import write_whole
 from hydro_twin.plants import Plant, plant_named, Port
+from hydro_twin.plants.plant import FloatArray
+from hydro_twin.predictors import kind_named, make_predictor, Predictor
 from hydro_twin.recording.clock import same
+from hydro_twin.recording.series import Series
 
 FORMAT = 1
 NOT_IDENTIFIABLE = 'not identifiable'
 HELD = 'held'
 NOT_EXPLAINED = 'not explained'
 NOT_REACHED = 'not reached'
-KINDS = ('analytical', 'mlp', 'gru', 'hybrid')
-WITHOUT_PHYSICS = ('mlp', 'gru')
 MOST_SUBSTEPS = 1024            # in a sample: 2 us at 500 Hz, which no effect needs
 
 
@@ -57,7 +58,7 @@ class Model:
     """A plant with values, effects, and perhaps a network beside.
 
     Attributes:
-        kind: one of KINDS.
+        kind: name of the predictor that runs it.
         timing: how late each input acts [s], by name: what the stamps cannot tell (see docs).
         substeps: integration steps in a sample, chosen by error when the model was fitted.
         network: name of the weights file beside the model file.
@@ -101,13 +102,41 @@ class Model:
         """
         if same(sample_time, self.sample_time):
             return self
-        if self.kind != 'analytical':
+        if kind_named(self.kind).weights:
             raise ModelError(f'a model of kind {self.kind} runs at {self.sample_time:g} s only, '
                              f'not at {sample_time:g} s')
         steps = math.ceil(self.substeps * sample_time / self.sample_time - 1e-9)
         timing = {name: max(late, -sample_time) for name, late in self.timing.items()}
         return replace(self, sample_time=sample_time, substeps=min(steps, MOST_SUBSTEPS),
                        timing=timing)
+
+    def predictor(self, folder: Path = Path()) -> Predictor:
+        """Make what runs the model; its weights, if it has any, lie in the folder.
+
+        Raises:
+            ModelError: they are missing, or do not fit.
+        """
+        return make_predictor(self, folder)
+
+    def run(self, series: Series, mode: str = 'free_run', folder: Path = Path()) -> FloatArray:
+        """Predict the output of every sample of a series.
+
+        Args:
+            series: at the sample time of the model.
+            mode: 'one_step' or 'free_run'.
+            folder: where its weights lie, if it has any.
+
+        Returns:
+            Shape (N,), in the output's unit; nan where there is none.
+
+        Raises:
+            ModelError: its weights are missing, or the series is of another sample time.
+        """
+        if not same(series.sample_time, self.sample_time):
+            raise ModelError(f'a series of {series.sample_time:g} s; the model runs at '
+                             f'{self.sample_time:g} s (see Model.at)')
+        predictor = self.predictor(folder)
+        return predictor.one_step(series) if mode == 'one_step' else predictor.free_run(series)
 
     def promised(self, mode: str) -> float | None:
         """RMS error that the model had on data it did not fit; None where it does not say."""
@@ -264,6 +293,29 @@ def read_model(path: Path) -> Model:
         raise ModelError(f'{path}: damaged ({type(error).__name__}: {error})') from error
 
 
+def load_predictor(path: Path, sample_time: float | None = None) -> Predictor:
+    """Read a model file and make its predictor.
+
+    Args:
+        path: of the model file.
+        sample_time: [s] at which it is to run; its own by default.
+
+    Raises:
+        ModelError: the file or its weights are missing or cannot be used, or the model has a
+            network, which cannot run at that sample time; one line says which.
+    """
+    model = read_model(path)
+    if model.network and not (path.parent / model.network).is_file():
+        raise ModelError(f'{path}: its weights file {model.network} is missing: copy it to the '
+                         f'folder of the model, {path.parent}')
+    if sample_time is not None:
+        try:
+            model = model.at(sample_time)
+        except ModelError as error:
+            raise ModelError(f'{path}: {error}') from error
+    return make_predictor(model, path.parent)
+
+
 def _from_document(raw: Mapping[str, Any]) -> Model:
     plant = plant_named(raw['plant'])
     constants = {name: _number(f'constant {name}', c['value'])
@@ -275,10 +327,8 @@ def _from_document(raw: Mapping[str, Any]) -> Model:
             _number(name, p['value']),
             None if spread in (None, NOT_IDENTIFIABLE, HELD) else _number(name, spread),
             spread not in (NOT_IDENTIFIABLE, HELD), str(p.get('at_bound') or ''), spread == HELD)
-    kind = raw.get('predictor', 'analytical')
-    if kind not in KINDS:
-        raise ModelError(f'predictor {kind!r}; there are {", ".join(KINDS)}')
-    if estimates or kind not in WITHOUT_PHYSICS:
+    kind = kind_named(raw.get('predictor', 'analytical'))
+    if estimates or kind.physics:
         plant.check({name: p.value for name, p in estimates.items()})
     effects = tuple(
         FittedEffect(
@@ -300,7 +350,7 @@ def _from_document(raw: Mapping[str, Any]) -> Model:
                          f'a whole number from 1 to {MOST_SUBSTEPS}')
     return Model(
         plant=plant, parameters=estimates, constants=plant.constant_values(constants),
-        sample_time=sample_time, kind=kind, effects=effects, timing=timing, substeps=substeps,
+        sample_time=sample_time, kind=kind.name, effects=effects, timing=timing, substeps=substeps,
         network=raw.get('network'), errors=raw.get('errors') or {},
         provenance=raw.get('provenance') or {}, notes=tuple(map(str, raw.get('notes') or ())))
 

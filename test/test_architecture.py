@@ -11,7 +11,7 @@ ROW = re.compile(r'^\| (\d+) \| `(\w+)` \|(.*)\|$', re.MULTILINE)
 def of(module):
     """Name the package of a dotted module name; those at the top hold only themselves."""
     name = module.split('.')[1] if module.count('.') else ''
-    return name if (PACKAGE / name).is_dir() or name == 'model' else ''
+    return name if (PACKAGE / name).is_dir() or name in ('api', 'model') else ''
 
 
 def imported(path):

@@ -10,10 +10,10 @@ from typing import Any
 import numpy as np
 import pytest
 
-from hydro_twin.commands.common import read, rig_of
 from hydro_twin.commands.main import main
+from hydro_twin.model import load_predictor
 from hydro_twin.plants import PLANTS
-from hydro_twin.predictors import load
+from hydro_twin.recording.rig import read, rig_of
 from hydro_twin.recording.signals import load_signals
 from hydro_twin.recording.write import write_recording
 
@@ -178,7 +178,7 @@ def test_live_on_the_played_recording(shell: Shell, tmp_path: Path, rig: Any) ->
     write_recording(bag, [read([test], rig_of(plant)).series[0].part(2000, 4000)], signals)
     series = read([bag], rig_of(plant)).series[0]
     assert np.ptp(series['x']) > 0.01
-    expected = load(model).one_step(series)
+    expected = load_predictor(model).one_step(series)
 
     topics = sorted({signal.topic for signal in signals.values()})
     heard = rig.listen('/hydro_twin/prediction', JointState)

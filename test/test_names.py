@@ -14,9 +14,11 @@ PAGES = sorted([*ROOT.glob('*.md'), *(path for folder in OWN for kind in ('*.md'
 FILE = re.compile(r'(?<![\w/.*-])(?:[\w*$./-]+\.(?:py|md)'
                   rf'|(?:{"|".join(OWN)})/[\w*$./-]*[\w*/])(?![\w*/])')
 MODULE = re.compile(r'\bhydro_twin(?:\.[a-z]\w*)+\b')
+GROUPS = {'hydro_twin.methods', 'hydro_twin.verbs'}      # entry points, beside those of packages
 LINK = re.compile(r'\]\(([^)#:]+)(?:#[^)]*)?\)')
 EXAMPLES = {   # what docs/adding.md shows how to add
-    'hydro_twin/effects/knee.py', 'hydro_twin/plants/accumulator.py', 'config/accumulator.yaml'}
+    'hydro_twin/effects/knee.py', 'hydro_twin/plants/accumulator.py', 'config/accumulator.yaml',
+    'hydro_twin/predictors/decay.py', 'hydro_twin/commands/extent.py'}
 
 
 def label(path):
@@ -58,7 +60,8 @@ def wrong_names(path):
     links = LINK.findall(text) if path.suffix == '.md' else []
     return [*(name for name in FILE.findall(text)
               if name not in examples and not is_there(name, path)),
-            *(name for name in MODULE.findall(text) if not is_module(name)),
+            *(name for name in MODULE.findall(text)
+              if name not in GROUPS and not is_module(name)),
             *(link for link in links if not (path.parent / link).exists())]
 
 

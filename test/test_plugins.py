@@ -1,11 +1,19 @@
-"""A plant and an effect that another installed package brings, by its entry points."""
+"""What another installed package brings, by its entry points."""
+import json
 import os
 from pathlib import Path
 import re
 import subprocess
 import sys
+import tomllib
 
+import numpy as np
 import pytest
+from safetensors.numpy import load_file
+
+from hydro_twin.plants import PLANTS
+from hydro_twin.recording.rig import read, rig_of
+from hydro_twin.recording.series import split
 
 ROOT = Path(__file__).resolve().parents[1]
 CODE = """
@@ -23,7 +31,7 @@ print(assemble(plant, values, [knee]).run(np.full((2000, 1), 0.5), np.zeros(2))[
 
 @pytest.fixture
 def installed(tmp_path):
-    """Lay out the two examples of docs/adding.md as a package of their own, as pip would."""
+    """Lay out the examples of docs/adding.md as a package of their own, as pip would."""
     package, about = tmp_path / 'oil_lab', tmp_path / 'oil_lab-1.0.dist-info'
     package.mkdir()
     about.mkdir()
@@ -32,13 +40,17 @@ def installed(tmp_path):
     for path, text in re.findall(r'```python\n# (hydro_twin/\S+)\n(.*?)```', page, re.DOTALL):
         (package / Path(path).name).write_text(text, encoding='utf-8')
     (about / 'METADATA').write_text('Metadata-Version: 2.1\nName: oil-lab\nVersion: 1.0\n')
-    (about / 'entry_points.txt').write_text(
-        '[hydro_twin.plants]\naccumulator = oil_lab.accumulator:ACCUMULATOR\n'
-        '[hydro_twin.effects]\nknee = oil_lab.knee\n')
+    groups = tomllib.loads(re.search(r'```toml\n(.*?)```', page, re.DOTALL)[1])
+    (about / 'entry_points.txt').write_text('\n'.join(
+        f'[{group}]\n' + '\n'.join(f'{name} = {value}' for name, value in entries.items())
+        for group, entries in groups['project']['entry-points'].items()))
 
-    def run(code):
+    def run(*arguments, without=None):
+        if without:
+            text = (about / 'entry_points.txt').read_text()
+            (about / 'entry_points.txt').write_text(text.replace(without, 'others'))
         return subprocess.run(
-            [sys.executable, '-c', code], text=True, check=False, capture_output=True,
+            [sys.executable, *map(str, arguments)], text=True, check=False, capture_output=True,
             env={**os.environ, 'PYTHONPATH': f'{ROOT}:{tmp_path}',
                  'XDG_CACHE_HOME': str(tmp_path)})
 
@@ -46,15 +58,57 @@ def installed(tmp_path):
 
 
 def test_a_package_brings_a_plant_and_an_effect(installed):
-    done = installed(CODE)
+    done = installed('-c', CODE)
     assert done.returncode == 0, done.stderr
     # Steady state: K u = L p + slope (p - opens).
     assert float(done.stdout) == pytest.approx((3e-4 * 0.5 + 3e-11 * 1e6) / 6e-11, rel=1e-6)
 
 
+def command(*arguments):
+    return ('-m', 'hydro_twin.commands.main', *arguments)
+
+
+@pytest.mark.slow
+def test_a_package_brings_a_predictor(installed, tmp_path):
+    model = tmp_path / 'm.yaml'
+    done = installed(*command('refit', ROOT / 'bags' / 'rig_a', '--plant', 'load_simulator', '-o',
+                              model, '--predictor', 'decay', '--json'))
+    assert done.returncode == 0, done.stderr
+    fitted = json.loads(done.stdout)
+    # An independent solution of the same least squares, on the training part.
+    data = read([ROOT / 'bags' / 'rig_a'], rig_of(PLANTS['load_simulator']))
+    y = [series['T_g'] for series in split(data)[0].series]
+    before, after = (np.concatenate([one[cut] for one in y]) for cut in
+                     (slice(None, -1), slice(1, None)))
+    (share,), *_ = np.linalg.lstsq(before[:, None], after)
+    assert load_file(model.with_suffix('.safetensors'))['share'] == pytest.approx(share)
+    assert fitted['train']['one_step'] == pytest.approx(
+        np.sqrt(np.mean((after - share * before)**2)), rel=0.01)
+    done = installed(*command('replay', ROOT / 'bags' / 'rig_a', '--model', model, '--json'))
+    assert 0.9 < json.loads(done.stdout)['one_step']['rmse'] / fitted['train']['one_step'] < 1.1
+    done = installed(*command('replay', ROOT / 'bags' / 'rig_a', '--model', model, '--json'),
+                     without='predictors')
+    assert (done.returncode, done.stderr.count('\n')) == (2, 1)
+    assert "predictor 'decay'; there are analytical, gru, hybrid, mlp" in done.stderr
+
+
+def test_a_predictor_of_a_package_is_in_the_registry(installed):
+    done = installed('-c', 'from hydro_twin.predictors import kinds; print(*kinds())')
+    assert done.stdout.split() == ['analytical', 'gru', 'hybrid', 'mlp', 'decay']
+
+
+def test_a_package_brings_a_verb(installed):
+    assert 'extent' in installed(*command('--help')).stdout
+    done = installed(*command('extent', ROOT / 'bags' / 'rig_a', '--plant', 'load_simulator',
+                              '--json'))
+    recording = read([ROOT / 'bags' / 'rig_a'], rig_of(PLANTS['load_simulator']))
+    torque = np.concatenate([series['T_g'] for series in recording.series])
+    assert json.loads(done.stdout)['T_g'] == [torque.min(), torque.max()]
+
+
 def test_a_package_that_cannot_be_loaded_is_one_line(installed, tmp_path):
     (tmp_path / 'oil_lab' / 'accumulator.py').write_text('ACCUMULATOR = 1 / 0\n')
-    done = installed('from hydro_twin.commands.main import main; import sys\n'
+    done = installed('-c', 'from hydro_twin.commands.main import main; import sys\n'
                      'sys.exit(main(sys.argv[1:] or "refit x --plant cylinder -o y".split()))')
     assert (done.returncode, done.stderr.count('\n')) == (2, 1)
     assert 'oil-lab registers oil_lab.accumulator:ACCUMULATOR' in done.stderr
@@ -63,5 +117,5 @@ def test_a_package_that_cannot_be_loaded_is_one_line(installed, tmp_path):
 def test_a_plant_that_is_not_linear_is_refused(installed, tmp_path):
     path = tmp_path / 'oil_lab' / 'accumulator.py'
     path.write_text(path.read_text().replace('p.K * q - leakage', 'p.K * q * q - leakage'))
-    done = installed('import hydro_twin.plants')
+    done = installed('-c', 'import hydro_twin.plants')
     assert 'the equations of accumulator are not linear' in done.stderr

@@ -1,6 +1,5 @@
 """The commands and links of the documentation: each is one that works."""
 import argparse
-import importlib
 import os
 from pathlib import Path
 import re
@@ -12,7 +11,8 @@ from typing import Any
 import numpy as np
 import pytest
 
-from hydro_twin.commands.main import VERBS
+from hydro_twin.commands.registry import verbs
+from hydro_twin.commands.verb import Verb
 
 ROOT = Path(__file__).resolve().parents[1]
 PAGES = sorted(path for folder in ('.', 'docs', 'bags', 'benchmarks/tracing')
@@ -28,12 +28,14 @@ def commands(text: str) -> list[str]:
 @pytest.mark.parametrize('page', PAGES, ids=lambda page: str(page.relative_to(ROOT)))
 def test_commands_parse(page: Path) -> None:
     text = re.sub(r'\$\([^)]*\)', '$NAME', page.read_text('utf-8'))
-    for command in re.findall(r'^    .*?\bhydro-twin ([^;|&\n]+)', text, re.MULTILINE):
-        verb, *words = shlex.split(command, comments=True)
-        assert verb in {*VERBS, 'VERB'}
+    for line in re.findall(r'^    .*?\bhydro-twin ([^;|&\n]+)', text, re.MULTILINE):
+        verb, *words = shlex.split(line, comments=True)
+        assert verb in {*verbs(), 'VERB'}
         if verb not in {'node', 'VERB'}:
             parser = argparse.ArgumentParser(exit_on_error=False)
-            importlib.import_module(f'hydro_twin.commands.{VERBS[verb][0]}').add_arguments(parser)
+            command = verbs()[verb]
+            assert isinstance(command, Verb)
+            command.add_arguments(parser)
             parser.parse_args(words)
 
 
@@ -72,7 +74,7 @@ def test_commands_run_in_their_order(folder: Path, environment: dict[str, str]) 
         result = subprocess.run(command, shell=True, cwd=folder, env=environment, text=True,
                                 capture_output=True, check=False)
         assert result.returncode == 0, f'{command}\n{result.stderr}'
-    assert {shlex.split(command)[1] for command in done} >= {*VERBS} - {'node'}
+    assert {shlex.split(command)[1] for command in done} >= {*verbs()} - {'node'}
     for made in ('run', 'model.yaml', 'traced/report.html', 'predicted', 'replay.png', 'practice',
                  'compared/comparison.html'):
         assert (folder / made).exists()

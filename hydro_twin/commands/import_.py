@@ -6,6 +6,8 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any, TYPE_CHECKING
 
+from hydro_twin.commands.verb import Verb
+
 if TYPE_CHECKING:
     from rich.console import Console
 
@@ -37,9 +39,9 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
     """
     import numpy as np
 
-    from hydro_twin.commands.common import progress
     from hydro_twin.errors import UserError
     from hydro_twin.plants import plant_named
+    from hydro_twin.progress import progress
     from hydro_twin.recording.digest import source_of
     from hydro_twin.recording.signals import load_signals
     from hydro_twin.recording.table import read_table
@@ -118,3 +120,6 @@ def show(result: dict[str, Any], console: Console) -> None:
     for name, signal in result['signals'].items():
         console.print(f'  {name}: {signal["min"]:.6g} to {signal["max"]:.6g} {signal["unit"]}',
                       highlight=False, markup=False)
+
+
+VERB = Verb('import', 'make a bag of CSV or MAT tables', add_arguments, run, show)

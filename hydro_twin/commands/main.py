@@ -1,46 +1,25 @@
 """The command line: finds the verb and turns its result, or its error, into what a shell wants.
 
-A verb is one module of `hydro_twin.commands`, with three functions:
-
-    add_arguments(parser)    adds the verb's own arguments to an argparse parser. `--json` is
-                             added here, for every verb. The module imports nothing heavy at its
-                             top (no numpy, scipy, numba, rosbags, rich): that belongs in `run`.
-    run(args) -> dict        does the work and returns the object that `--json` prints. It may hold
-                             numpy scalars and arrays, paths and NaN (printed as null). It prints
-                             nothing; progress goes to standard error (`common.progress`).
-    show(result, console)    prints the same object for a person, on a `rich.console.Console`.
-
+A verb is one module of `hydro_twin.commands`, with a `Verb` (see `hydro_twin.commands.verb`).
 What goes wrong is raised: a `UserError` becomes one line on standard error and exit status 2.
 Any other exception is a defect: one line too, which names a file for a report, and status 1.
-`node` is not such a verb: `hydro_twin.ros.spin.main(arguments)` gets its arguments untouched.
 """
 from __future__ import annotations
 
 import argparse
 from collections.abc import Sequence
 import contextlib
-import importlib
 import json
 import math
 import os
 import sys
 from typing import NoReturn
 
+from hydro_twin.commands.registry import verb_named, verbs
+from hydro_twin.commands.verb import Command, RosVerb, Verb
 from hydro_twin.errors import UserError
 
 PROG = 'hydro-twin'
-VERBS = {   # verb -> its module, what it does
-    'node': ('', 'the live twin, a ROS 2 node (takes ROS arguments)'),
-    'replay': ('replay', 'run a model over a recorded bag, or play the bag into ROS'),
-    'refit': ('refit', 'fit a model to recorded bags'),
-    'trace': ('trace', 'find the physical effect that a model lacks, add it, show the gain'),
-    'simulate': ('simulate', 'make a recording from the physics'),
-    'import': ('import_', 'make a bag of CSV or MAT tables'),
-    'compare': ('compare', 'compare predictors and methods over repeated runs'),
-    'identify': ('identify', 'identify a turbine valve servo as published, and by least squares'),
-    'frequency-control': ('frequency_control', ('simulate primary frequency control with a linear '
-                          'and a nonlinear valve servo')),
-}
 ROS = "source ROS 2 Jazzy, or install 'hydro_twin[ros]'"
 REMEDIES = {   # module that a plain install may lack -> where it comes from
     'diagnostic_msgs': ROS,
@@ -70,9 +49,9 @@ def main(arguments: Sequence[str] | None = None) -> int:
     # The matrices here are small: threads of BLAS would cost more than they give.
     os.environ.setdefault('OPENBLAS_NUM_THREADS', '1')
     argv = list(sys.argv[1:] if arguments is None else arguments)
-    verb = argv[0] if argv and argv[0] in VERBS else ''
+    verb = argv[0] if argv and not argv[0].startswith('-') else ''
     try:
-        return _node(argv[1:]) if verb == 'node' else _run(verb, argv)
+        return _run(argv, verb_named(verb))
     except ModuleNotFoundError as error:
         remedy = REMEDIES.get((error.name or '').partition('.')[0], 'is the installation whole?')
         return _fail(verb, f'needs the module {error.name}: {remedy}', 2)
@@ -88,47 +67,42 @@ def main(arguments: Sequence[str] | None = None) -> int:
                      f'report it, and attach {_crash_report(argv, error)}', 1)
 
 
-def _run(verb: str, argv: list[str]) -> int:
-    """Run a verb whose module follows the contract above."""
+def _run(argv: list[str], verb: Command | None) -> int:
+    """Run a verb; where there is none, say which there are."""
+    if isinstance(verb, RosVerb):
+        if not {'-h', '--help'} & set(argv[1:]):
+            return verb.main(argv[1:])
+        print(f'usage: {PROG} {verb.name} [--ros-args [-p NAME:=VALUE] [--params-file FILE] ...]'
+              f'\n\n{verb.summary}\n\n{verb.help()}')
+        return 0
     parser = _Parser(
         prog=PROG, description='A digital twin of electro-hydraulic actuators.',
         epilog=f"'{PROG} VERB --help' tells more.")
     parser.add_argument('--version', action='store_true', help='print the version and exit')
-    verbs = parser.add_subparsers(dest='verb', metavar='VERB')
-    for name, (_, summary) in VERBS.items():
-        verbs.add_parser(name, help=summary, description=f'{summary[0].upper()}{summary[1:]}.')
-    if verb:
-        module = importlib.import_module(f'hydro_twin.commands.{VERBS[verb][0]}')
-        module.add_arguments(verbs.choices[verb])
-        verbs.choices[verb].add_argument(
+    subparsers = parser.add_subparsers(dest='verb', metavar='VERB')
+    for one in (verb,) if verb else verbs().values():
+        subparsers.add_parser(one.name, help=one.summary,
+                              description=f'{one.summary[0].upper()}{one.summary[1:]}.')
+    if isinstance(verb, Verb):
+        verb.add_arguments(subparsers.choices[verb.name])
+        subparsers.choices[verb.name].add_argument(
             '--json', action='store_true', help='print one JSON object, and nothing else')
     args = parser.parse_args(argv)
     if args.version:
         from importlib.metadata import version
         print(PROG, version('hydro_twin'))
         return 0
-    if not verb:
+    if not isinstance(verb, Verb):
         parser.error('a VERB is needed')
 
     with contextlib.redirect_stdout(sys.stderr):
-        result = module.run(args)
+        result = verb.run(args)
     if args.json:
         print(json.dumps(plain(result), allow_nan=False))
     else:
         from rich.console import Console
-        module.show(result, Console())
+        verb.show(result, Console())
     return 0
-
-
-def _node(arguments: list[str]) -> int:
-    """Hand over to the ROS node."""
-    if {'-h', '--help'} & set(arguments):
-        from hydro_twin.live.settings import overview
-        print(f'usage: {PROG} node [--ros-args [-p NAME:=VALUE] [--params-file FILE] ...]\n\n'
-              f'{VERBS["node"][1]}\n\nparameters:\n{overview()}')
-        return 0
-    from hydro_twin.ros.spin import main as spin
-    return spin(arguments)
 
 
 def plain(value: object) -> object:

@@ -11,22 +11,19 @@ from hydro_twin.commands.common import (
     add_rig_arguments,
     add_seed_argument,
     assignment,
-    progress,
+    command_line,
+    data_from,
     rig_from,
-    train_and_test,
 )
+from hydro_twin.commands.verb import Verb
 from hydro_twin.errors import UserError
+from hydro_twin.progress import progress
 
 if TYPE_CHECKING:
     from rich.console import Console
 
-    from hydro_twin.fitting.identifiability import Identifiability
-    from hydro_twin.fitting.network import Settings
-    from hydro_twin.fitting.refit import Physics
-    from hydro_twin.model import Model
-    from hydro_twin.predictors.network import Network
-    from hydro_twin.predictors.scores import Errors
-    from hydro_twin.recording.series import Recording
+    from hydro_twin.model import FittedEffect
+    from hydro_twin.recording.rig import Rig
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -35,12 +32,13 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add_rig_arguments(parser)
     parser.add_argument('-o', '--output', required=True, type=Path, metavar='MODEL',
                         help='the model file to write; network weights go beside it')
-    parser.add_argument('--predictor', choices=('analytical', 'mlp', 'gru', 'hybrid'),
-                        default='analytical', help='what to fit (default: %(default)s)')
-    parser.add_argument('--method', default='least_squares',
-                        choices=('least_squares', 'random', 'ea', 'pso', 'bees', 'network'),
-                        help='for the physical parameters (default: %(default)s); network is '
-                        'that of [L18] for the valve servo')
+    parser.add_argument('--predictor', default='analytical', metavar='KIND',
+                        help='what to fit: analytical, mlp, gru or hybrid; an unknown one lists '
+                        'those there are (default: %(default)s)')
+    parser.add_argument('--method', default='least_squares', metavar='METHOD',
+                        help='for the physical parameters: least_squares; random, ea, pso or '
+                        'bees, of [B19]; network, of [L18] for the valve servo; an unknown one '
+                        'lists those there are (default: %(default)s)')
     parser.add_argument('--criterion', choices=('one_step', 'free_run'),
                         help='the error to minimise (default: free_run for an analytical '
                         'model by least_squares, else one_step)')
@@ -103,158 +101,43 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
         The model's path, its parameters, its errors on both parts, and between which errors
         any one-step fit must lie, all in the output's unit.
     """
-    from hydro_twin.commands.provenance import provenance
-    from hydro_twin.fitting.network import check_device
-    from hydro_twin.fitting.refit import bounds_of
-    from hydro_twin.model import Model, read_model, WITHOUT_PHYSICS, write_model
-    from hydro_twin.predictors.analytical import Analytical
-    from hydro_twin.predictors.scores import errors_of
+    from hydro_twin import api
+    from hydro_twin.fitting.refit import Request
+    from hydro_twin.model import read_model
 
     if not args.output.absolute().parent.is_dir():
         raise UserError(f'{args.output}: there is no folder {args.output.parent}')
-    if args.epochs < 1:
-        raise UserError(f'--epochs {args.epochs}: at least one is needed')
-    if args.predictor != 'analytical':
-        check_device(args.device)
-    if args.predictor == 'analytical' and (
-            args.hidden or args.search or args.decay is not None):
-        raise UserError('--hidden, --decay and --search are for networks: --predictor mlp, gru '
-                        'or hybrid')
-    if args.predictor == 'gru' and (args.search or len(args.hidden or (1,)) > 1):
-        raise UserError('a GRU has one hidden layer, and --search is for mlp and hybrid')
-    if args.predictor in WITHOUT_PHYSICS and (
-            args.criterion or args.method != 'least_squares' or args.fix or args.curve):
-        raise UserError('--method, --criterion, --fix and --curve are for physical parameters; '
-                        f'an {args.predictor.upper()} has none'.replace('an G', 'a G'))
-    if args.model and args.predictor != 'hybrid':
-        raise UserError('--model is what a hybrid stands on: it needs --predictor hybrid')
-    if args.model and (args.fix or args.curve):
-        raise UserError('--fix and --curve are for a fresh fit; --model has its parameters')
-    base = read_model(args.model) if args.model else None
-    rig = rig_from(args, base)
-    plant = rig.plant
-    plant.holding(dict(args.fix))
-    criterion = args.criterion or (
-        'free_run' if (args.predictor, args.method) == ('analytical', 'least_squares')
-        else 'one_step')
-    train, test = train_and_test(args, rig)
-    parts = {'train': train, 'test': test}
-    bounds = bounds_of(train, test, plant)
-    model = Model(
-        plant, {}, rig.constants, train.sample_time, args.predictor,
-        provenance=provenance(train.sources, test.sources if args.test else (), args.seed))
+    request = Request(
+        args.predictor, args.method, args.criterion, dict(args.fix), hidden=args.hidden,
+        decay=args.decay, epochs=args.epochs, device=args.device, seed=args.seed,
+        search=args.output.with_suffix('.search.jsonl') if args.search else None)
+    request.check(curve=bool(args.curve), base=bool(args.model))
+    if args.model:
+        request = replace(request, base=read_model(args.model))
+    rig = rig_from(args, request.base)
+    rig.plant.holding(request.held)
     if args.curve:
-        from hydro_twin.valve.flow_characteristic import read_characteristic
-        from hydro_twin.valve.limit import with_limit
-
-        model = with_limit(model, read_characteristic(args.curve))
-    known: Identifiability | None = None
-    settings: Settings | None = None
-    if base is not None:
-        model = _on(base, model)
-    elif args.predictor not in WITHOUT_PHYSICS:
-        with progress('fitting the physics'):
-            physics = _physics(args, train, model, criterion)
-        known = physics.known
-        model = replace(model, parameters=physics.estimates, notes=physics.notes, provenance={
-            **model.provenance, 'method': args.method, 'criterion': criterion})
-    if args.predictor == 'analytical':
-        errors = errors_of(Analytical(model), parts)
-    else:
-        from hydro_twin.predictors.hybrid import NetworkPredictor
-        from hydro_twin.predictors.network import save_network
-
-        network, settings = _network(args, train, model)
-        weights = args.output.with_suffix('.safetensors')
-        model = replace(model, network=weights.name)
-        errors = errors_of(NetworkPredictor(model, network), parts)
-        save_network(network, weights)
-    write_model(replace(model, errors={'after': errors}), args.output)
-
-    units = {p.name: p.unit for p in plant.parameters}
-    return {
-        'model': str(args.output),
-        'unit': plant.output.unit,
-        'sample_time': model.sample_time,
-        'parameters': {name: {'value': e.value, 'unit': units[name], 'std_error': e.std_error,
-                              'identifiable': e.identifiable, 'held': e.held,
-                              'at_bound': e.at_bound or None}
-                       for name, e in model.parameters.items()},
-        'hidden': list(settings.hidden) if settings else [],
-        'decay': settings.decay if settings else None,
-        'at_bound': [name for name, e in model.parameters.items() if e.at_bound],
-        'notes': list(model.notes),
-        'combinations': dict(known.combinations) if known else {},
-        'train': _part(errors, 'train'),
-        'test': _part(errors, 'test'),
-        **bounds,
-    }
+        request = replace(request, effects=_limit(args.curve, rig))
+    fitted = api.refit(data_from(args, rig), request, command=command_line(), show=progress)
+    fitted.save(args.output)
+    return {'model': str(args.output), **fitted.summary()}
 
 
-def _physics(args: argparse.Namespace, train: Recording, model: Model, criterion: str) -> Physics:
-    """Fit the physical parameters by the method asked for."""
-    held = dict(args.fix)
-    if args.method == 'network':
-        from hydro_twin.studies.l18.network_fit import fit_network
+def _limit(curve: Path, rig: Rig) -> tuple[FittedEffect, ...]:
+    """Take the end of the valve's travel from its flow characteristic."""
+    from hydro_twin.model import Model
+    from hydro_twin.valve.flow_characteristic import read_characteristic
+    from hydro_twin.valve.limit import with_limit
 
-        return fit_network(train, model.plant, held, args.seed)
-    from hydro_twin.fitting.refit import fit_physics
-
-    return fit_physics(train, model.plant, model.constants, args.method, criterion, args.seed,
-                       held, model.placed)
-
-
-def _on(base: Model, model: Model) -> Model:
-    """Put a hybrid on the analytical part of another model, at the clock of the recording.
-
-    Raises:
-        UserError: that model has no analytical part.
-    """
-    from hydro_twin.model import WITHOUT_PHYSICS
-
-    if base.kind in WITHOUT_PHYSICS:
-        raise UserError(f'--model is of kind {base.kind}, without the physics that a hybrid '
-                        'stands on')
-    physics = replace(base, kind='analytical').at(model.sample_time)
-    return replace(physics, kind=model.kind, provenance=model.provenance)
-
-
-def _network(
-    args: argparse.Namespace, train: Recording, model: Model,
-) -> tuple[Network, Settings]:
-    """Train the network of a model, of the settings asked for or found."""
-    from hydro_twin.fitting.network import Job, SETTINGS, train_batch
-    from hydro_twin.fitting.network_search import DECAYS, search, STRUCTURES
-    from hydro_twin.fitting.refit import network_problem
-
-    problem = network_problem(train, model)
-    settings = replace(SETTINGS[model.kind], epochs=args.epochs)
-    if args.hidden:
-        settings = replace(settings, hidden=args.hidden)
-    if args.decay is not None:
-        settings = replace(settings, decay=args.decay)
-    if args.search:
-        with progress('searching the settings') as tick:
-            rounds = search(problem, settings, args.output.with_suffix('.search.jsonl'),
-                            args.seed, args.device,
-                            (settings.decay,) if args.decay is not None else DECAYS,
-                            (settings.hidden,) if args.hidden else STRUCTURES, trial_done=tick)
-        settings = rounds[-1].chosen
-    with progress('training the network', args.epochs) as tick:
-        trained = train_batch(problem, [Job(settings, args.seed)], args.device, tick)[0]
-    return trained.network, settings
-
-
-def _part(errors: Errors, name: str) -> dict[str, float]:
-    """Take the errors of one part."""
-    return {mode: parts[name] for mode, parts in errors.items()}
+    bare = Model(rig.plant, {}, rig.constants, rig.plant.sample_time)
+    return with_limit(bare, read_characteristic(curve)).effects
 
 
 def show(result: dict[str, Any], console: Console) -> None:
     """Print parameters and errors."""
     from rich.table import Table
 
-    from hydro_twin.fitting.refit import BIASED
+    from hydro_twin.fitting.physics import BIASED
 
     if result['parameters']:
         table = Table('parameter', 'value', 'standard error', 'unit')
@@ -284,3 +167,6 @@ def show(result: dict[str, Any], console: Console) -> None:
         table.add_row(says, *(f'{result[bound][part]:.4g}' for part in ('train', 'test')))
     console.print(table)
     console.print(f'model written to {result["model"]}, sample time {result["sample_time"]:g} s')
+
+
+VERB = Verb('refit', 'fit a model to recorded bags', add_arguments, run, show)

@@ -2,18 +2,21 @@
 from __future__ import annotations
 
 import argparse
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any, TYPE_CHECKING
 
-from hydro_twin.commands.common import add_config_argument, progress, read, Rig, rig_of
+from hydro_twin.commands.common import add_config_argument
+from hydro_twin.commands.verb import Verb
 from hydro_twin.errors import UserError
+from hydro_twin.progress import progress
 
 if TYPE_CHECKING:
     from rich.console import Console
 
     from hydro_twin.plants.plant import FloatArray
+    from hydro_twin.recording.rig import Rig
     from hydro_twin.recording.series import Recording, Series
 
 TOPIC = '/hydro_twin/{mode}/prediction'     # as the node's ~/NAME/prediction
@@ -61,9 +64,9 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
 
 def _replay(bag: Path, model: Path, output: Path | None, config: Path | None,
             picture: Path | None, beside: Sequence[Path]) -> dict[str, Any]:
-    from hydro_twin.model import read_model
-    from hydro_twin.predictors import load, MODES
-    from hydro_twin.predictors.scores import fit_percent, persistence, pooled, predict, rms
+    from hydro_twin import api
+    from hydro_twin.model import load_predictor, read_model
+    from hydro_twin.recording.rig import rig_of
 
     if output is not None and output.exists():
         raise UserError(f'{output} exists already: it is not overwritten')
@@ -73,37 +76,28 @@ def _replay(bag: Path, model: Path, output: Path | None, config: Path | None,
         if (name := read_model(path).plant.name) != plant.name:
             raise UserError(f'{path}: a model of {name}, not of {plant.name}')
     rig = rig_of(plant, config, model=as_fitted)
-    recording = read([bag], rig)
-    predictor = load(model, recording.sample_time)
-    others = {path: load(path, recording.sample_time) for path in beside}
+    data = api.read_data([bag], (), rig, progress)
+    sample_time = data.recording.sample_time
+    predictors = {path: load_predictor(path, sample_time) for path in (model, *beside)}
     with progress('replaying'):
-        predictions = {mode: predict(predictor, recording.series, mode) for mode in MODES}
-    result: dict[str, Any] = {
-        'samples': sum(map(len, recording.series)),
-        'series': len(recording.series),
-        'sample_time': recording.sample_time,
-        'unit': plant.output.unit,
-    }
-    for mode in MODES:
-        error, measured = pooled(recording, plant, predictions[mode], mode)
-        result[mode] = {'rmse': rms(error), 'fit_percent': fit_percent(error, measured)}
-    result['persistence'] = {'rmse': persistence(recording, plant)}
+        replayed = api.replay(data, predictors[model])
+    result = replayed.summary()
     if output is not None:
-        _write(bag, output, recording, predictions, rig)
+        _write(bag, output, data.recording, replayed.predictions, rig)
         result['output'] = str(output)
     if picture is not None:
         from hydro_twin.report.picture import draw, write_picture
 
-        runs = {str(path): predict(other, recording.series, 'free_run')
-                for path, other in others.items()}
-        runs[str(model)] = predictions['free_run']
-        write_picture(draw(recording, plant, runs), picture)
+        runs = {str(path): api.replay(data, predictors[path]).predictions['free_run']
+                for path in beside}
+        runs[str(model)] = replayed.predictions['free_run']
+        write_picture(draw(data.recording, plant, runs), picture)
         result['picture'] = str(picture)
     return result
 
 
 def _write(bag: Path, output: Path, recording: Recording,
-           predictions: dict[str, list[FloatArray]], rig: Rig) -> None:
+           predictions: Mapping[str, Sequence[FloatArray]], rig: Rig) -> None:
     """Write the bag again, with the predictions on topics of their own."""
     from hydro_twin.live.writer import FIELDS, TYPE
     from hydro_twin.recording.signals import SignalMap
@@ -149,3 +143,7 @@ def show(result: dict[str, Any], console: Console) -> None:
         console.print(f'predictions beside the input in {result["output"]}')
     if 'picture' in result:
         console.print(f'measured against predicted in {result["picture"]}')
+
+
+VERB = Verb('replay', 'run a model over a recorded bag, or play the bag into ROS',
+            add_arguments, run, show)

@@ -9,10 +9,11 @@ from hydro_twin.commands.common import (
     add_rig_arguments,
     add_seed_argument,
     assignment,
-    progress,
     rig_from,
 )
+from hydro_twin.commands.verb import Verb
 from hydro_twin.errors import DataError, UserError
+from hydro_twin.progress import progress
 
 if TYPE_CHECKING:
     from rich.console import Console
@@ -207,3 +208,6 @@ def show(result: dict[str, Any], console: Console) -> None:
         kinds = ', '.join(f'{name} {kind}' for name, kind in one['excitation'].items())
         reach = ', '.join(f'{name} {value:.4g}' for name, value in one['largest'].items())
         console.print(f'  {kinds}; largest {reach}; noise {one["noise"]:.3g} RMS')
+
+
+VERB = Verb('simulate', 'make a recording from the physics', add_arguments, run, show)

@@ -9,11 +9,13 @@ from hydro_twin.commands.common import (
     add_bag_arguments,
     add_rig_arguments,
     add_seed_argument,
-    progress,
-    read_apart,
+    command_line,
+    data_from,
     rig_from,
 )
+from hydro_twin.commands.verb import Verb
 from hydro_twin.errors import UserError
+from hydro_twin.progress import progress
 
 if TYPE_CHECKING:
     from rich.console import Console
@@ -37,27 +39,21 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
     Returns:
         The report object.
     """
-    from hydro_twin.commands.provenance import provenance
+    from hydro_twin import api
     from hydro_twin.model import read_model
+    from hydro_twin.predictors import kind_named
     from hydro_twin.report.trace_files import write_files
-    from hydro_twin.residual.trace import trace
 
     model = read_model(args.model) if args.model else None
     rig = rig_from(args, model)
-    if model is not None and model.kind != 'analytical':
+    if model is not None and not kind_named(model.kind).analytical:
         raise UserError(f'{args.model}: a model of kind {model.kind}; a trace starts from an '
                         'analytical one')
     if args.output.exists() and not args.output.is_dir():
         raise UserError(f'{args.output}: is a file; a folder is needed for the report')
-    recording, *tests = read_apart([args.bags, args.test] if args.test else [args.bags], rig)
-    test = tests[0] if tests else None
-    if model is not None:
-        model = model.at(recording.sample_time)
-    with progress('tracing') as step:
-        found = trace(recording, test, rig.plant, rig.constants, model, args.seed,
-                      lambda _: step())
-    origin = provenance(recording.sources, test.sources if test else (), args.seed)
-    return write_files(found, args.output, origin)
+    data = data_from(args, rig)
+    found = api.trace(data, model, args.seed, show=progress)
+    return write_files(found, args.output, data.provenance(args.seed, command_line()))
 
 
 def show(result: dict[str, Any], console: Console) -> None:
@@ -81,3 +77,7 @@ def show(result: dict[str, Any], console: Console) -> None:
     table.add_row('noise, estimated', f'{result["noise_floor"]:.4g}', '')
     console.print(table)
     console.print(f'What remains: {result["remainder"]["says"]}.')
+
+
+VERB = Verb('trace', 'find the physical effect that a model lacks, add it, show the gain',
+            add_arguments, run, show)

@@ -27,9 +27,8 @@ def _found() -> tuple[tuple[str, Effect], ...]:
     names = sorted(module.name for module in pkgutil.iter_modules(__path__)
                    if module.name != 'dispatch')    # which is made of all that is found here
     modules = [importlib.import_module(f'{__name__}.{name}') for name in names]
-    for module in plugins(GROUP):
-        if not isinstance(module, ModuleType) or not isinstance(
-                getattr(module, 'EFFECT', None), Effect):
+    for module in plugins(GROUP, ModuleType):
+        if not isinstance(getattr(module, 'EFFECT', None), Effect):
             raise ModelError(f'an entry point of {GROUP} is {module!r}, not a module with an '
                              'EFFECT')
         modules.append(module)

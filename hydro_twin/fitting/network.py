@@ -14,6 +14,8 @@ from hydro_twin.errors import UserError
 from hydro_twin.fitting.parallel import in_processes
 from hydro_twin.fitting.regression import regression, regressors
 from hydro_twin.plants import Plant
+from hydro_twin.predictors import kinds
+from hydro_twin.predictors.kind import Settings
 from hydro_twin.predictors.network import FloatArray, IntArray, Network
 from hydro_twin.predictors.recurrent import Recurrent
 from hydro_twin.recording.series import Series
@@ -25,29 +27,9 @@ if TYPE_CHECKING:
 
     Watch = Callable[[Tensor], Tensor]
 
+# of the kinds of predictor that have a network, by name
+SETTINGS = {name: kind.network for name, kind in kinds().items() if kind.network}
 DIVERGED = 10.0         # a free run that exceeds the largest output trained on by this factor
-
-
-@dataclass(frozen=True)
-class Settings:
-    """How to train a network; the defaults are those of the MLP of [B19].
-
-    Attributes:
-        hidden: widths of the hidden layers.
-        epochs: passes over all patterns.
-        decay: weight decay, against the sum of squared scaled errors.
-        cell: 'tanh' for an MLP, 'gru' for a recurrent network of one layer.
-    """
-
-    hidden: tuple[int, ...] = (77, 77)
-    epochs: int = 500
-    decay: float = 5e-4
-    cell: str = 'tanh'
-
-
-HYBRID = Settings(hidden=(80,), decay=0.0)      # [B19], the text; its Table 3 misprints 2 layers
-GRU = Settings(hidden=(42,), decay=0.0, cell='gru')     # 7225 weights; the MLP of [B19] has 7239
-SETTINGS = {'mlp': Settings(), 'hybrid': HYBRID, 'gru': GRU}    # by the kind of model
 
 
 @dataclass(frozen=True)
@@ -102,7 +84,7 @@ class Problem:
     def network(self, settings: Settings, weights: FloatArray) -> Network:
         """Make a network of trained weights, shape (P,)."""
         sizes = np.array([len(self.shift), *settings.hidden, 1])
-        kind = Recurrent if settings.cell == 'gru' else Network
+        kind = Recurrent if settings.recurrent else Network
         return kind(sizes, weights, self.shift, self.scale, self.output_scale, self.limit)
 
     def scaled(self, other: Problem) -> tuple[FloatArray, FloatArray]:
@@ -177,7 +159,7 @@ def train_batch(
     from hydro_twin.fitting.rprop import descend
 
     settings = jobs[0].settings
-    run = _recurrent if settings.cell == 'gru' else _feedforward
+    run = _recurrent if settings.recurrent else _feedforward
     weights, slope_of, watch, patterns = run(problem, jobs, device, watched)
     trained, *sums = descend(slope_of, weights, settings.epochs, device, epoch_done, watch)
     counts = patterns, len(watched.targets) if watched else 1

@@ -13,7 +13,8 @@ import numpy as np
 from scipy.stats import mannwhitneyu
 
 from hydro_twin.errors import UserError
-from hydro_twin.fitting.network import Job, Problem, Settings, train_many
+from hydro_twin.fitting.network import Job, Problem, train_many
+from hydro_twin.predictors.kind import Settings
 from hydro_twin.predictors.network import IntArray
 
 # 1 to 100 units, as the paper, whose two results are among them.

@@ -1,120 +1,245 @@
-"""Fit of a whole model: physical parameters by any method, networks, errors on both parts."""
+"""Fit of a whole model: physical parameters by any method, weights, errors on both parts."""
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from typing import Any
 
-import numpy as np
-
-from hydro_twin.effects import Placed
 from hydro_twin.errors import UserError
-from hydro_twin.fitting.candidate import parts_of
-from hydro_twin.fitting.coefficients import coefficients_of
-from hydro_twin.fitting.free_run import fit_linear
-from hydro_twin.fitting.identifiability import assess, Identifiability
-from hydro_twin.fitting.network import make_problem, Problem
-from hydro_twin.fitting.one_step import at_bound, sensitivities
-from hydro_twin.fitting.populations import fit_one_step
-from hydro_twin.fitting.populations import METHODS as POPULATIONS
+from hydro_twin.files import write_whole
+from hydro_twin.fitting.identifiability import Identifiability
+from hydro_twin.fitting.network import check_device, Job, make_problem, Problem, train_batch
+from hydro_twin.fitting.network_search import DECAYS, search, STRUCTURES
+from hydro_twin.fitting.physics import fit_physics, method_named, Physics, Task
 from hydro_twin.fitting.regression import regression
-from hydro_twin.fitting.whiteness import is_white
-from hydro_twin.model import Estimate, Model
+from hydro_twin.model import FittedEffect, Model, write_model
 from hydro_twin.plants import Plant
-from hydro_twin.plants.plant import Parameter
+from hydro_twin.predictors import Kind, kind_named, kinds, make_predictor, Predictor
 from hydro_twin.predictors.analytical import Analytical
-from hydro_twin.predictors.scores import Errors, persistence, predict
+from hydro_twin.predictors.kind import Fitted, Settings
+from hydro_twin.predictors.network import network_bytes
+from hydro_twin.predictors.network_predictor import NetworkPredictor
+from hydro_twin.predictors.scores import Errors, errors_of, persistence, predict
+from hydro_twin.progress import Progress, silent
 from hydro_twin.recording.series import Recording
-
-CRITERIA = ('free_run', 'one_step')
-METHODS = ('least_squares', *POPULATIONS)
-BIASED = ('one-step fit with a residual that is not white: noise of the measured outputs among '
-          'the regressors biases the values by an unknown amount, so none has a standard error; '
-          'a least-squares fit of the free run is free of this bias')
 
 
 @dataclass(frozen=True)
-class Physics:
-    """Physical parameters as fitted.
+class Request:
+    """What to fit, and how.
 
     Attributes:
-        known: what the data determine; None where the method cannot tell.
-        notes: what must be said beside the values.
+        predictor: name of a kind of predictor.
+        method: name of a method for the physical parameters.
+        criterion: 'one_step' or 'free_run', the error to minimise; None: free_run for an
+            analytical model by least squares, else one_step.
+        held: parameters taken as known, by name, in SI units.
+        effects: known ones, which the model is to have.
+        base: an analytical model that stands for the fit of the physics.
+        hidden: widths of the hidden layers; None: those of the kind.
+        decay: weight decay; None: that of the kind.
+        epochs: of training.
+        search: file for the trials of a search for what `hidden` and `decay` leave open; None:
+            no search.
+        device: a torch device, 'cpu' or 'cuda'.
+        seed: of all that is random.
     """
 
-    estimates: Mapping[str, Estimate]
+    predictor: str = 'analytical'
+    method: str = 'least_squares'
+    criterion: str | None = None
+    held: Mapping[str, float] = field(default_factory=dict)
+    effects: tuple[FittedEffect, ...] = ()
+    base: Model | None = None
+    hidden: tuple[int, ...] | None = None
+    decay: float | None = None
+    epochs: int = 500
+    search: Path | None = None
+    device: str = 'cpu'
+    seed: int = 0
+
+    @property
+    def kind(self) -> Kind:
+        """The kind of predictor."""
+        return kind_named(self.predictor)
+
+    def check(self, curve: bool = False, base: bool = False) -> None:
+        """Refuse what does not go together.
+
+        Args:
+            curve: whether effects are still to come.
+            base: whether a model to stand on is still to come.
+
+        Raises:
+            UserError: a setting is for another kind of predictor, or none there is.
+            ModuleNotFoundError: torch is needed and not installed.
+        """
+        kind, effects = self.kind, bool(self.effects) or curve
+        method_named(self.method)
+        if self.epochs < 1:
+            raise UserError(f'--epochs {self.epochs}: at least one is needed')
+        if kind.network:
+            check_device(self.device)
+        elif self.hidden or self.search or self.decay is not None:
+            raise UserError('--hidden, --decay and --search are for networks: --predictor '
+                            + names_of(lambda kind: kind.network is not None))
+        if kind.network and kind.network.recurrent and (
+                self.search or len(self.hidden or (1,)) > 1):
+            layered = names_of(lambda kind: bool(kind.network and not kind.network.recurrent),
+                               'and')
+            raise UserError(f'{kind.title} has one hidden layer, and --search is for {layered}')
+        if not kind.physics and (self.criterion or self.method != 'least_squares' or self.held
+                                 or effects):
+            raise UserError('--method, --criterion, --fix and --curve are for physical '
+                            f'parameters; {kind.title} has none')
+        if self.base is None and not base:
+            return
+        if not (kind.physics and kind.weights):
+            raise UserError('--model gives the physics that weights stand on: it needs '
+                            '--predictor ' + names_of(lambda kind: kind.physics and kind.weights))
+        if self.held or effects:
+            raise UserError('--fix and --curve are for a fresh fit; --model has its parameters')
+        if self.base and not kind_named(self.base.kind).physics:
+            raise UserError(f'--model is of kind {self.base.kind}, without the physics that '
+                            f'{kind.title} stands on')
+
+
+@dataclass(frozen=True)
+class Refit:
+    """A model as fitted.
+
+    Attributes:
+        model: with its errors; the name of its weights is given when it is saved.
+        predictor: runs it.
+        weights: content of its .safetensors file; None without one.
+        known: what the data determine; None where the method cannot tell.
+        settings: of its network; None without one.
+        bounds: 'persistence' and 'unconstrained' -> part -> RMS error between which any one-step
+            fit must lie, in the output's unit.
+    """
+
+    model: Model
+    predictor: Predictor
+    weights: bytes | None
     known: Identifiability | None
-    notes: tuple[str, ...] = ()
+    settings: Settings | None
+    bounds: Errors
+
+    def save(self, path: Path | str) -> None:
+        """Write the model file, and its weights beside it, each whole or not at all.
+
+        Raises:
+            ModelError: the model file cannot be written there.
+            OSError: its weights cannot.
+        """
+        path, model = Path(path), self.model
+        if self.weights is not None:
+            weights = path.with_suffix('.safetensors')
+            write_whole(weights, self.weights)
+            model = replace(model, network=weights.name)
+        write_model(model, path)
+
+    def summary(self) -> dict[str, Any]:
+        """Return parameters, settings and errors as `refit --json` prints them."""
+        model = self.model
+        units = {p.name: p.unit for p in model.plant.parameters}
+        errors = model.errors['after']
+        return {
+            'unit': model.plant.output.unit,
+            'sample_time': model.sample_time,
+            'parameters': {name: {'value': e.value, 'unit': units[name],
+                                  'std_error': e.std_error, 'identifiable': e.identifiable,
+                                  'held': e.held, 'at_bound': e.at_bound or None}
+                           for name, e in model.parameters.items()},
+            'hidden': list(self.settings.hidden) if self.settings else [],
+            'decay': self.settings.decay if self.settings else None,
+            'at_bound': [name for name, e in model.parameters.items() if e.at_bound],
+            'notes': list(model.notes),
+            'combinations': dict(self.known.combinations) if self.known else {},
+            **{part: {mode: parts[part] for mode, parts in errors.items()}
+               for part in ('train', 'test')},
+            **self.bounds,
+        }
 
 
-def fit_physics(train: Recording, plant: Plant, constants: Mapping[str, float], method: str,
-                criterion: str, seed: int, held: Mapping[str, float] | None = None,
-                effects: tuple[Placed, ...] = ()) -> Physics:
-    """Fit the parameters of the plant within the search box.
+def refit(train: Recording, test: Recording, plant: Plant, constants: Mapping[str, float],
+          request: Request, provenance: Mapping[str, Any], show: Progress = silent) -> Refit:
+    """Fit a model to a recording, and score it on both parts.
 
     Args:
-        train: the recording to fit.
+        train: what is fitted.
+        test: what is only predicted.
         plant: the plant.
-        constants: of the rig.
-        method: one of METHODS.
-        criterion: one of CRITERIA, for least squares; the others have theirs.
-        seed: of all that is random.
-        held: parameters taken as known, by name.
-        effects: known ones; the free run has them, one step is of the linear laws.
+        constants: of the rig, in SI units.
+        request: what to fit.
+        provenance: what the model file is to say of where it comes from.
+        show: shows what is being done.
 
     Raises:
-        UserError: the method knows another criterion only, or a held parameter is not one.
+        UserError: the request does not go together.
         DataError: the samples do not allow it.
+        ModuleNotFoundError: torch is needed and not installed.
     """
-    biased = False
-    held = held or {}
-    free = plant.holding(held)
-    constants = {**constants, **held}
-    if method == 'least_squares' and criterion == 'free_run':
-        fit = fit_linear(free, parts_of(train, free), constants, train.sample_time, 'box',
-                         timing=False, seed=seed, effects=effects)
-        known = fit.identifiability()
-        values = {p.name: fit.candidate.values[p.name] for p in free.parameters}
-    elif criterion == 'one_step':
-        names = [p.name for p in free.parameters]
-        inputs = [signal.name for signal in plant.inputs]
-        coefficients = coefficients_of(free, constants, train.sample_time)
-        factor = regression(train.series, plant.output.name, inputs, plant.order)
-        best = fit_one_step(method, factor, coefficients, free, seed).best
-        lower, upper = np.array([(p.lower, p.upper) for p in free.parameters]).T
-        slopes = list(sensitivities(train.series, plant.output.name, inputs, plant.order,
-                                    coefficients, best))
-        known = assess(slopes, names, free.combinations, at_bound(names, best, lower, upper))
-        biased = not is_white([residual for _, residual in slopes])
-        values = dict(zip(names, best.tolist(), strict=True))
-    else:
-        raise UserError(f'--method {method} minimises the one-step error, as in [B19]; '
-                        'only least_squares knows --criterion free_run')
-    estimates = {p.name: _estimate(p, values[p.name], known, biased) for p in free.parameters}
-    notes = [f'{p.name} ended at the {estimates[p.name].at_bound} bound of its search, '
-             f'{estimates[p.name].value:g} {p.unit}: not an estimate, and what is said of the '
-             f'others holds for this value' for p in free.parameters
-             if estimates[p.name].at_bound]
-    if biased:
-        known = replace(known, combinations=dict.fromkeys(known.combinations))
-        notes.append(BIASED)
-    estimates |= held_estimates(held)
-    return Physics({p.name: estimates[p.name] for p in plant.parameters}, known, tuple(notes))
+    request.check()
+    plant.holding(request.held)
+    kind, known = request.kind, None
+    bounds = bounds_of(train, test, plant)
+    model = Model(plant, {}, constants, train.sample_time, kind.name, effects=request.effects,
+                  provenance=provenance)
+    if request.base is not None:
+        physics = replace(request.base, kind='analytical', network=None).at(model.sample_time)
+        model = replace(physics, kind=kind.name, provenance=model.provenance)
+    elif kind.physics:
+        with show('fitting the physics', None):
+            found, criterion = _physics(train, model, request)
+        known = found.known
+        model = replace(model, parameters=found.estimates, notes=found.notes, provenance={
+            **model.provenance, 'method': request.method, 'criterion': criterion})
+    settings, fitted = None, None
+    if kind.network:
+        settings, fitted = _network(train, model, request, kind.network, show)
+    elif kind.fit:
+        with show('fitting the weights', None):
+            fitted = kind.fit(train, model, request.seed)
+    predictor = fitted.predictor if fitted else make_predictor(model, Path())
+    errors = errors_of(predictor, {'train': train, 'test': test})
+    return Refit(replace(model, errors={'after': errors}), predictor,
+                 fitted.weights if fitted else None, known, settings, bounds)
 
 
-def held_estimates(held: Mapping[str, float]) -> dict[str, Estimate]:
-    """Say of parameters that they were taken as known."""
-    return {name: Estimate(value, identifiable=False, held=True) for name, value in held.items()}
+def names_of(has: Callable[[Kind], bool], last: str = 'or') -> str:
+    """List the kinds of predictor that have something: 'gru, hybrid or mlp'."""
+    *names, end = [kind.name for kind in kinds().values() if has(kind)]
+    return f'{", ".join(names)} {last} {end}' if names else end
 
 
-def _estimate(p: Parameter, value: float, known: Identifiability, biased: bool) -> Estimate:
-    """Say what is known of a parameter; no standard error where the fit is biased."""
-    relative = known.std_error[p.name]
-    edge = ''
-    if p.name in known.at_bound:
-        edge = 'lower' if value * value < p.lower * p.upper else 'upper'
-    return Estimate(float(value),
-                    None if relative is None or biased else float(value * relative),
-                    relative is not None, edge)
+def _physics(train: Recording, model: Model, request: Request) -> tuple[Physics, str]:
+    """Fit the physical parameters; returns the criterion too."""
+    criterion = request.criterion or (
+        'free_run' if request.kind.analytical and request.method == 'least_squares'
+        else 'one_step')
+    return fit_physics(Task(train, model.plant, model.constants, criterion, request.seed,
+                            request.held, model.placed), request.method), criterion
+
+
+def _network(train: Recording, model: Model, request: Request, settings: Settings,
+             show: Progress) -> tuple[Settings, Fitted]:
+    """Train the network of a model, of the settings asked for or found."""
+    problem = network_problem(train, model)
+    settings = replace(settings, epochs=request.epochs, hidden=request.hidden or settings.hidden,
+                       decay=settings.decay if request.decay is None else request.decay)
+    if request.search:
+        with show('searching the settings', None) as tick:
+            rounds = search(problem, settings, request.search, request.seed, request.device,
+                            DECAYS if request.decay is None else (settings.decay,),
+                            (settings.hidden,) if request.hidden else STRUCTURES,
+                            trial_done=tick)
+        settings = rounds[-1].chosen
+    with show('training the network', request.epochs) as tick:
+        trained = train_batch(problem, [Job(settings, request.seed)], request.device, tick)[0]
+    return settings, Fitted(NetworkPredictor(model, trained.network),
+                            network_bytes(trained.network))
 
 
 def network_problem(train: Recording, model: Model) -> Problem:
@@ -124,9 +249,8 @@ def network_problem(train: Recording, model: Model) -> Problem:
         DataError: the samples do not allow it.
     """
     predicted = None
-    if model.kind == 'hybrid':
-        analytical = Analytical(model)
-        predicted = predict(analytical, train.series, 'one_step')
+    if kind_named(model.kind).physics:
+        predicted = predict(Analytical(model), train.series, 'one_step')
     return make_problem(train.series, model.plant, predicted)
 
 

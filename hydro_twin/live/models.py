@@ -8,8 +8,7 @@ import re
 
 from hydro_twin.errors import ModelError
 from hydro_twin.live.twin import MAIN, Twin
-from hydro_twin.model import document
-from hydro_twin.predictors.predictor import load
+from hydro_twin.model import document, load_predictor
 from hydro_twin.recording.digest import source_of
 
 TASTE = 4096   # bytes at the begin of a model file that show whether it may be one
@@ -53,7 +52,7 @@ def load_twin(choice: Choice, mode: str) -> Twin:
     Raises:
         ModelError: the model cannot be used.
     """
-    predictor = load(choice.path)
+    predictor = load_predictor(choice.path)
     about = {'name': choice.name, 'path': str(choice.path),
              'sha256': source_of(choice.path).sha256, 'mode': mode, **document(predictor.model)}
     twin = Twin(choice.name, predictor, mode, about)

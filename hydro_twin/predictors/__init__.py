@@ -1,4 +1,6 @@
-"""The predictors: analytical, neural and hybrid, behind one interface."""
-from hydro_twin.predictors.predictor import load, make_predictor, MODES, Predictor, Stepper
+"""The predictors: one file a kind, found by being in this folder, or by an entry point."""
+from hydro_twin.predictors.kind import Kind
+from hydro_twin.predictors.predictor import MODES, Predictor, Stepper
+from hydro_twin.predictors.registry import kind_named, kinds, make_predictor
 
-__all__ = ['MODES', 'Predictor', 'Stepper', 'load', 'make_predictor']
+__all__ = ['MODES', 'Kind', 'Predictor', 'Stepper', 'kind_named', 'kinds', 'make_predictor']

@@ -2,16 +2,21 @@
 from __future__ import annotations
 
 import math
+from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 
-from hydro_twin.model import Model
 from hydro_twin.plants import Plant
 from hydro_twin.plants.difference_equation import bilinear
 from hydro_twin.plants.plant import FloatArray
 from hydro_twin.predictors import kernel
+from hydro_twin.predictors.kind import Kind
 from hydro_twin.predictors.system import assemble, System
 from hydro_twin.recording.series import Series
+
+if TYPE_CHECKING:
+    from hydro_twin.model import Model
 
 HISTORY = 256                               # samples of inputs a live run keeps
 
@@ -133,3 +138,11 @@ class OneStep:
         y: float = kernel.step_one(self.equation.a, self.equation.b, added, measured, self.inputs,
                                    self.past, self.k, started)
         return y
+
+
+def make(model: Model, folder: Path) -> Analytical:     # noqa: ARG001
+    """Make the predictor of a model; there are no weights in the folder."""
+    return Analytical(model)
+
+
+ANALYTICAL = Kind('analytical', 'an analytical model', make)

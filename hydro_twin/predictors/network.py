@@ -136,12 +136,18 @@ class Network:
 
 def save_network(network: Network, path: Path) -> None:
     """Write a network to a .safetensors file, whole or not at all."""
+    write_whole(path, network_bytes(network))
+
+
+def network_bytes(network: Network) -> bytes:
+    """Return the content of the .safetensors file of a network."""
     tensors = {'weights': network.weights, 'input_shift': network.shift,
                'input_scale': network.scale, 'output_scale': np.array([network.output_scale]),
                'output_limit': np.array([network.limit])}
     metadata = {'format': FORMAT, 'sizes': json.dumps(network.sizes.tolist()),
                 'activation': network.cell}
-    write_whole(path, save(tensors, metadata))
+    content: bytes = save(tensors, metadata)
+    return content
 
 
 def load_network(path: Path) -> Network:

@@ -1,14 +1,14 @@
 """What every predictor offers, offline over a series and live sample by sample."""
 from __future__ import annotations
 
-from pathlib import Path
-from typing import Protocol
+from typing import Protocol, TYPE_CHECKING
 
-from hydro_twin.errors import ModelError
-from hydro_twin.model import Model, read_model
 from hydro_twin.plants import Plant
 from hydro_twin.plants.plant import FloatArray
 from hydro_twin.recording.series import Series
+
+if TYPE_CHECKING:
+    from hydro_twin.model import Model
 
 MODES = ('one_step', 'free_run')
 
@@ -59,37 +59,3 @@ class Predictor(Protocol):
     def stepper(self, mode: str) -> Stepper:
         """Start a run, live, that gives the very digits of `one_step` or `free_run`."""
         ...
-
-
-def make_predictor(model: Model, folder: Path) -> Predictor:
-    """Make the predictor that a model describes; its network's weights lie in the folder."""
-    from hydro_twin.predictors.analytical import Analytical
-
-    if model.kind == 'analytical':
-        return Analytical(model)
-    from hydro_twin.predictors.hybrid import load_network_predictor
-
-    return load_network_predictor(model, folder)
-
-
-def load(path: Path, sample_time: float | None = None) -> Predictor:
-    """Read a model file and make its predictor.
-
-    Args:
-        path: of the model file.
-        sample_time: [s] at which it is to run; its own by default.
-
-    Raises:
-        ModelError: the file or its weights are missing or cannot be used, or the model has a
-            network, which cannot run at that sample time; one line says which.
-    """
-    model = read_model(path)
-    if model.network and not (path.parent / model.network).is_file():
-        raise ModelError(f'{path}: its weights file {model.network} is missing: copy it to the '
-                         f'folder of the model, {path.parent}')
-    if sample_time is not None:
-        try:
-            model = model.at(sample_time)
-        except ModelError as error:
-            raise ModelError(f'{path}: {error}') from error
-    return make_predictor(model, path.parent)

@@ -6,6 +6,7 @@ import pytest
 
 from hydro_twin.commands import common
 from hydro_twin.errors import UserError
+from hydro_twin.progress import progress
 from hydro_twin.recording.clock import Clock
 
 
@@ -68,7 +69,7 @@ def test_a_sample_time_is_above_zero(config):
 
 
 def test_progress_counts_on_standard_error(capsys):
-    with common.progress('fitting', total=2) as advance:
+    with progress('fitting', total=2) as advance:
         advance()
         advance()
     assert capsys.readouterr().out == ''

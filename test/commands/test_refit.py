@@ -6,12 +6,12 @@ import re
 import numpy as np
 import pytest
 
-from hydro_twin.commands.common import read, rig_of
 from hydro_twin.commands.main import main
 from hydro_twin.fitting.search import SearchResult
 from hydro_twin.model import read_model
 from hydro_twin.plants import PLANTS
 from hydro_twin.recording.digest import source_of
+from hydro_twin.recording.rig import read, rig_of
 from hydro_twin.recording.signals import load_signals
 from hydro_twin.recording.write import write_recording
 from hydro_twin.studies.b19.study import analytical_run, make_part
@@ -238,7 +238,7 @@ def test_every_method_holds(short_steps, tmp_path, capsys, arguments):
     (['--fix', 'J'], 'should read like'),
     (['--curve', str(BAGS.parent / 'config' / 'flow_characteristic.csv')],
      'is for the valve_servo, not for load_simulator'),
-    (['--method', 'guess'], "invalid choice: 'guess'"),
+    (['--method', 'guess'], "no method 'guess'; there are least_squares, bees, "),
     (['--constant', 'D_m=0'], 'must be a positive number'),
     (['--test', 'nowhere'], 'nowhere: no such bag'),
 ])

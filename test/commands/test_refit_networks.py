@@ -77,10 +77,10 @@ def test_a_hybrid_on_a_model_keeps_its_physics_and_effects(
 
 @pytest.mark.parametrize(('more', 'says'), [
     (['--hidden', '7,x'], 'should read like 77,77'),
-    (['--hidden', '7'], '--predictor mlp, gru or hybrid'),
-    (['--decay', '0'], '--predictor mlp, gru or hybrid'),
+    (['--hidden', '7'], '--predictor gru, hybrid or mlp'),
+    (['--decay', '0'], '--predictor gru, hybrid or mlp'),
     (['--decay', 'nan', '--predictor', 'mlp'], "'nan' should be a number, 0 or above"),
-    (['--search', '--predictor', 'gru'], '--search is for mlp and hybrid'),
+    (['--search', '--predictor', 'gru'], '--search is for hybrid and mlp'),
     (['--hidden', '5,5', '--predictor', 'gru'], 'a GRU has one hidden layer'),
     (['--method', 'pso', '--predictor', 'gru'], 'a GRU has none'),
     (['--method', 'pso', '--predictor', 'mlp'], 'an MLP has none'),

@@ -7,9 +7,8 @@ import pytest
 from rosbags.highlevel import AnyReader
 
 from hydro_twin.commands.main import main
-from hydro_twin.model import Estimate, FittedEffect, Model, place, write_model
+from hydro_twin.model import Estimate, FittedEffect, load_predictor, Model, place, write_model
 from hydro_twin.plants import PLANTS
-from hydro_twin.predictors import load
 
 PLANT = PLANTS['load_simulator']
 MODEL = Model(PLANT, {p.name: Estimate(1.02 * (p.lower * p.upper) ** 0.5)
@@ -120,15 +119,15 @@ def test_a_run_that_diverges_has_no_error_but_null(bag, tmp_path, capsys):
         place('stiffening', 'coupling', {'cubic': 1e13}, PLANT)),), substeps=1)
     path = tmp_path / 'wild.yaml'
     write_model(wild, path)
-    assert np.isnan(load(path).free_run(read(bag)[0])).any()
+    assert np.isnan(load_predictor(path).free_run(read(bag)[0])).any()
     status, result, _ = replay(capsys, bag, '--model', path)
     assert status == 0
     assert result['free_run'] == {'rmse': None, 'fit_percent': None}
 
 
 def read(bag):
-    from hydro_twin.commands.common import read as read_bags
-    from hydro_twin.commands.common import rig_of
+    from hydro_twin.recording.rig import read as read_bags
+    from hydro_twin.recording.rig import rig_of
     return read_bags([bag], rig_of(PLANT)).series
 
 

@@ -9,8 +9,9 @@ import numpy as np
 import pytest
 
 from hydro_twin.errors import UserError
-from hydro_twin.fitting.network import Job, Problem, Settings, train_batch
+from hydro_twin.fitting.network import Job, Problem, train_batch
 from hydro_twin.fitting.network_search import choose, score, Scores, search, split
+from hydro_twin.predictors.kind import Settings
 
 pytest.importorskip('torch')
 

@@ -11,8 +11,8 @@ from hydro_twin.fitting.one_step import (
     one_step_error,
     sensitivities,
 )
-from hydro_twin.fitting.populations import METHODS
 from hydro_twin.fitting.regression import Regression, regression, regressors
+from hydro_twin.studies.b19.populations import METHODS
 
 KNOWN = ['J', 'K_p', 'G', 'K_ce', 'B_m']
 

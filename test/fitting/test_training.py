@@ -9,15 +9,15 @@ import pytest
 from hydro_twin.errors import DataError, UserError
 from hydro_twin.fitting.network import (
     first_weights,
-    HYBRID,
     Job,
     make_problem,
     Problem,
-    Settings,
+    SETTINGS,
     train_batch,
     train_many,
 )
 from hydro_twin.plants.load_simulator import LOAD_SIMULATOR
+from hydro_twin.predictors.kind import Settings
 from hydro_twin.recording.series import Series
 
 torch = pytest.importorskip('torch')
@@ -147,7 +147,7 @@ def test_a_hybrid_learns_the_error_of_what_is_predicted() -> None:
     hybrid = make_problem(stretches, LOAD_SIMULATOR, predicted)
     np.testing.assert_allclose(hybrid.targets, 0.1 * plain.targets, atol=1e-9)
     assert hybrid.output_scale == pytest.approx(3.0 * hybrid.targets.std())
-    assert HYBRID.hidden == (80,)
+    assert SETTINGS['hybrid'].hidden == (80,)
 
 
 def changed(**columns: object) -> Series:

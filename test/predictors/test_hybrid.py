@@ -9,13 +9,12 @@ import numpy as np
 import pytest
 
 from hydro_twin.errors import ModelError
-from hydro_twin.model import Estimate, FittedEffect, Model, place, write_model
+from hydro_twin.model import Estimate, FittedEffect, load_predictor, Model, place, write_model
 from hydro_twin.plants.load_simulator import LOAD_SIMULATOR
 from hydro_twin.plants.positioning import POSITIONING
 from hydro_twin.predictors.analytical import Analytical
-from hydro_twin.predictors.hybrid import NetworkPredictor
 from hydro_twin.predictors.network import Network, save_network
-from hydro_twin.predictors.predictor import load
+from hydro_twin.predictors.network_predictor import NetworkPredictor
 from hydro_twin.recording.series import Series
 
 N = 400
@@ -127,7 +126,7 @@ def test_a_diverging_free_run_stops_and_says_so(caplog: pytest.LogCaptureFixture
 def test_survives_its_files(tmp_path: Path, kind: str) -> None:
     save_network(network(), tmp_path / 'net.safetensors')
     write_model(model(kind, network='net.safetensors'), tmp_path / 'model.yaml')
-    loaded = load(tmp_path / 'model.yaml')
+    loaded = load_predictor(tmp_path / 'model.yaml')
     np.testing.assert_array_equal(
         loaded.one_step(series()), NetworkPredictor(model(kind), network()).one_step(series()))
 
@@ -137,7 +136,7 @@ def test_refuses_weights_of_another_plant_or_none(tmp_path: Path) -> None:
         NetworkPredictor(replace(model('mlp'), plant=POSITIONING), network())
     write_model(model('mlp'), tmp_path / 'model.yaml')
     with pytest.raises(ModelError, match='must name its network'):
-        load(tmp_path / 'model.yaml')
+        load_predictor(tmp_path / 'model.yaml')
 
 
 def test_names_weights_that_were_left_behind(tmp_path: Path) -> None:
@@ -145,6 +144,6 @@ def test_names_weights_that_were_left_behind(tmp_path: Path) -> None:
     copy = tmp_path / 'copied' / 'model.yaml'
     write_model(model('mlp', network='net.safetensors'), copy)
     with pytest.raises(ModelError) as caught:
-        load(copy)
+        load_predictor(copy)
     assert str(caught.value) == (f'{copy}: its weights file net.safetensors is missing: copy it '
                                  f'to the folder of the model, {copy.parent}')

@@ -8,11 +8,10 @@ import numpy as np
 import pytest
 
 from hydro_twin.errors import ModelError
-from hydro_twin.model import Model, write_model
+from hydro_twin.model import load_predictor, Model, write_model
 from hydro_twin.plants.load_simulator import LOAD_SIMULATOR
-from hydro_twin.predictors import load
-from hydro_twin.predictors.hybrid import NetworkPredictor
 from hydro_twin.predictors.network import load_network, Network, save_network
+from hydro_twin.predictors.network_predictor import NetworkPredictor
 from hydro_twin.predictors.recurrent import Recurrent
 from hydro_twin.recording.series import Series
 
@@ -128,7 +127,7 @@ def test_survives_its_file(tmp_path: Path) -> None:
     rows = np.random.default_rng(5).normal(size=(9, R))
     assert loaded(rows).tolist() == make()(rows).tolist()
     write_model(MODEL, tmp_path / 'model.yaml')
-    np.testing.assert_array_equal(load(tmp_path / 'model.yaml').one_step(series()),
+    np.testing.assert_array_equal(load_predictor(tmp_path / 'model.yaml').one_step(series()),
                                   NetworkPredictor(MODEL, make()).one_step(series()))
 
 

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from hydro_twin.fitting.candidate import parts_of
-from hydro_twin.fitting.refit import fit_physics
+from hydro_twin.fitting.physics import fit_physics, Task
 from hydro_twin.live.twin import Twin
 from hydro_twin.model import Estimate, FittedEffect, Model, place
 from hydro_twin.plants import PLANTS
@@ -94,8 +94,8 @@ def test_a_one_step_fit_has_standard_errors_where_its_residual_is_white():
     for k in range(3, len(y)):
         y[k] = (-equation.a @ y[k - 3:k][::-1] + equation.b[:, 0] @ command[k - 3:k + 1][::-1]
                 + 1e-4 * rng.standard_normal())
-    found = fit_physics(Recording((Series({'command': command, 'opening': y}, 0.002),)),
-                        VALVE_SERVO, {}, 'least_squares', 'one_step', 0)
+    recording = Recording((Series({'command': command, 'opening': y}, 0.002),))
+    found = fit_physics(Task(recording, VALVE_SERVO, {}, 'one_step', 0, {}), 'least_squares')
     assert not any('biases' in note for note in found.notes)
     for name in ('T_y', 'tau'):
         estimate = found.estimates[name]

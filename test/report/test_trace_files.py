@@ -12,8 +12,7 @@ from trace_by_hand import trace
 import yaml
 
 from hydro_twin.errors import UserError
-from hydro_twin.model import read_model
-from hydro_twin.predictors import load
+from hydro_twin.model import load_predictor, read_model
 from hydro_twin.predictors.scores import errors_of
 from hydro_twin.report import trace_files
 from hydro_twin.report.trace_files import write_files
@@ -67,7 +66,7 @@ def test_a_limit_that_was_never_reached_is_not_written_as_found(tmp_path):
 def test_the_errors_are_those_of_the_models_that_are_written(tmp_path, found):
     summary = write_files(found, tmp_path, PROVENANCE)
     for when, name in (('before', 'before.yaml'), ('after', 'model.yaml')):
-        expected = errors_of(load(tmp_path / name), found.recordings)
+        expected = errors_of(load_predictor(tmp_path / name), found.recordings)
         for mode, errors in expected.items():
             assert summary[when][mode] == pytest.approx(errors, rel=1e-12)
             assert read_model(tmp_path / name).promised(mode) == pytest.approx(errors['test'])

@@ -10,11 +10,11 @@ from hypothesis import strategies as st
 import numpy as np
 import pytest
 
-from hydro_twin.commands.common import read, rig_of
 from hydro_twin.errors import UserError
 from hydro_twin.fitting.candidate import Candidate, parts_of
 from hydro_twin.fitting.whiteness import is_white
 from hydro_twin.plants import PLANTS
+from hydro_twin.recording.rig import read, rig_of
 from hydro_twin.recording.series import Recording, Series
 from hydro_twin.report.summary import summarise
 from hydro_twin.residual.curve import find_curve

@@ -4,7 +4,6 @@ from __future__ import annotations
 import argparse
 import atexit
 from collections.abc import Callable
-import importlib
 import json
 from pathlib import Path
 import runpy
@@ -16,7 +15,8 @@ from xml.etree import ElementTree as ET
 
 import pytest
 
-from hydro_twin.commands.main import VERBS
+from hydro_twin.commands.registry import verbs
+from hydro_twin.commands.verb import Verb
 from hydro_twin.live.settings import SETTINGS
 from hydro_twin.plants import PLANTS
 from hydro_twin.share import share_folder
@@ -127,7 +127,9 @@ def test_the_demonstration_traces_and_plays_a_bag_that_is_there(
         assert (ROOT.joinpath(*path) / 'metadata.yaml').is_file()
         assert action.words['cmd'][:4] == ['ros2', 'run', 'hydro_twin', verb]
         parser = argparse.ArgumentParser(exit_on_error=False)
-        importlib.import_module(f'hydro_twin.commands.{VERBS[verb][0]}').add_arguments(parser)
+        command = verbs()[verb]
+        assert isinstance(command, Verb)
+        command.add_arguments(parser)
         parser.parse_args(['bag', *action.words['cmd'][5:]])
 
 

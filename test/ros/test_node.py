@@ -33,9 +33,8 @@ from sensor_msgs.msg import JointState  # noqa: E402
 from std_msgs.msg import String  # noqa: E402
 from std_srvs.srv import Trigger  # noqa: E402
 
-from hydro_twin.model import Estimate, Model, write_model  # noqa: E402
+from hydro_twin.model import Estimate, load_predictor, Model, write_model  # noqa: E402
 from hydro_twin.plants import plant_named  # noqa: E402
-from hydro_twin.predictors.predictor import load  # noqa: E402
 from hydro_twin.recording.read import read_recording  # noqa: E402
 from hydro_twin.recording.series import Series  # noqa: E402
 from hydro_twin.recording.signals import load_signals  # noqa: E402
@@ -87,7 +86,7 @@ def test_live_is_replay_to_the_last_digit(rig: Rig, bag: Path, model: Path, mode
                                           rate: float) -> None:
     predictions = rig.listen('/hydro_twin/prediction', JointState)
     residuals = rig.listen('/hydro_twin/residual', JointState)
-    predictor = load(model)
+    predictor = load_predictor(model)
     recording = read_recording([bag], load_signals('load_simulator', NAMES), ['u_m'], 0.002)
     expected = {series.start + k * STEP: (y, series['T_g'][k] - y)
                 for series in recording.series

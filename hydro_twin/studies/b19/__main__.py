@@ -5,7 +5,7 @@ import argparse
 import json
 from pathlib import Path
 
-from hydro_twin.commands.common import progress
+from hydro_twin.progress import progress
 from hydro_twin.studies.b19.page import write_page
 from hydro_twin.studies.b19.reproduce import Job, run_step, RUNS, STEPS
 

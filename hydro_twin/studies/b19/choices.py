@@ -9,21 +9,22 @@ from typing import Any
 
 import numpy as np
 
-from hydro_twin.fitting.bees import bees
 from hydro_twin.fitting.coefficients import coefficients_of
-from hydro_twin.fitting.evolution import evolution
-from hydro_twin.fitting.network import Job, Problem, SETTINGS, Settings, train_many
+from hydro_twin.fitting.network import Job, Problem, SETTINGS, train_many
 from hydro_twin.fitting.network_search import Scores
 from hydro_twin.fitting.one_step import at_bound, least_squares, one_step_error
 from hydro_twin.fitting.parallel import in_processes
-from hydro_twin.fitting.particle_swarm import particle_swarm
-from hydro_twin.fitting.populations import fit_one_step
 from hydro_twin.fitting.refit import network_problem
 from hydro_twin.fitting.search import SearchResult
 from hydro_twin.model import Model
 from hydro_twin.plants import Plant
+from hydro_twin.predictors.kind import Settings
 from hydro_twin.predictors.scores import rms
 from hydro_twin.recording.series import FloatArray, Recording
+from hydro_twin.studies.b19.bees import bees
+from hydro_twin.studies.b19.evolution import evolution
+from hydro_twin.studies.b19.particle_swarm import particle_swarm
+from hydro_twin.studies.b19.populations import fit_one_step
 from hydro_twin.studies.b19.settings import network_models
 from hydro_twin.studies.b19.study import make_part, model_of, Part, PARTS
 

@@ -10,19 +10,19 @@ from typing import Any, cast, TYPE_CHECKING
 import numpy as np
 
 from hydro_twin.commands import import_, simulate
-from hydro_twin.commands.common import read, Rig, rig_of
 from hydro_twin.fitting.coefficients import coefficients_of
 from hydro_twin.fitting.network import Job, SETTINGS, train_many
-from hydro_twin.fitting.populations import fit_one_step
 from hydro_twin.fitting.refit import network_problem
 from hydro_twin.fitting.regression import regressors
 from hydro_twin.model import Model
 from hydro_twin.plants import Plant
 from hydro_twin.plants.plant import FloatArray
 from hydro_twin.predictors.analytical import Analytical
-from hydro_twin.predictors.hybrid import NetworkPredictor
+from hydro_twin.predictors.network_predictor import NetworkPredictor
+from hydro_twin.recording.rig import read, Rig, rig_of
 from hydro_twin.recording.series import Recording, Series
 from hydro_twin.share import share_folder
+from hydro_twin.studies.b19.populations import fit_one_step
 from hydro_twin.studies.b19.study import make_part, model_of, MODES, scores
 
 if TYPE_CHECKING:

@@ -11,20 +11,21 @@ from typing import Any
 
 import numpy as np
 
-from hydro_twin.commands.common import read, Rig, rig_of
 from hydro_twin.files import write_whole
 from hydro_twin.fitting.coefficients import coefficients_of
-from hydro_twin.fitting.network import SETTINGS, Settings
+from hydro_twin.fitting.network import SETTINGS
 from hydro_twin.fitting.network_search import choose, Scores
-from hydro_twin.fitting.populations import fit_one_step
-from hydro_twin.fitting.refit import fit_physics
+from hydro_twin.fitting.physics import fit_physics, Task
 from hydro_twin.model import Model
 from hydro_twin.plants import plant_named
 from hydro_twin.predictors.analytical import Analytical
+from hydro_twin.predictors.kind import Settings
 from hydro_twin.predictors.scores import errors_of
+from hydro_twin.recording.rig import read, Rig, rig_of
 from hydro_twin.recording.series import Recording, split
 from hydro_twin.share import share_folder
 from hydro_twin.studies.b19 import choices, outlook
+from hydro_twin.studies.b19.populations import fit_one_step
 from hydro_twin.studies.b19.settings import network_models, searches
 from hydro_twin.studies.b19.study import (
     make_part,
@@ -131,12 +132,11 @@ def swapped(job: Job) -> dict[str, Any]:
 def physics(job: Job) -> dict[str, Any]:
     """Fit the linear model to its free run, and see what PSO takes for K_sv."""
     plant, constants = job.rig.plant, job.rig.constants
-    fits = {'free_run': fit_physics(job.recordings['train'], plant, constants, 'least_squares',
-                                    'free_run', 0)}
-    fits |= {f'pso {seed}': fit_physics(job.recordings['train'], plant, constants, 'pso',
-                                        'one_step', seed) for seed in range(3)}
-    fits['one_step'] = fit_physics(job.recordings['train'], plant, constants, 'least_squares',
-                                   'one_step', 0)
+    asked = {'free_run': ('least_squares', 'free_run', 0),
+             **{f'pso {seed}': ('pso', 'one_step', seed) for seed in range(3)},
+             'one_step': ('least_squares', 'one_step', 0)}
+    fits = {name: fit_physics(Task(job.recordings['train'], plant, constants, criterion, seed, {}),
+                              method) for name, (method, criterion, seed) in asked.items()}
     sample_time = job.recordings['train'].sample_time
     models = {name: Model(plant, fit.estimates, constants, sample_time)
               for name, fit in fits.items()}

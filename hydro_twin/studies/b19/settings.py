@@ -5,13 +5,14 @@ from collections.abc import Callable, Mapping
 from pathlib import Path
 
 from hydro_twin.fitting.coefficients import coefficients_of
-from hydro_twin.fitting.network import SETTINGS, Settings
+from hydro_twin.fitting.network import SETTINGS
 from hydro_twin.fitting.network_search import Round, search
-from hydro_twin.fitting.populations import fit_one_step
 from hydro_twin.fitting.refit import network_problem
 from hydro_twin.model import Model
 from hydro_twin.plants import Plant
+from hydro_twin.predictors.kind import Settings
 from hydro_twin.recording.series import Recording
+from hydro_twin.studies.b19.populations import fit_one_step
 from hydro_twin.studies.b19.study import make_part, model_of
 
 

@@ -11,8 +11,7 @@ from scipy.stats import mannwhitneyu
 from hydro_twin.errors import DataError
 from hydro_twin.fitting.candidate import parts_of
 from hydro_twin.fitting.coefficients import coefficients_of
-from hydro_twin.fitting.network import Job, SETTINGS, Settings, train_many
-from hydro_twin.fitting.populations import fit_one_step
+from hydro_twin.fitting.network import Job, SETTINGS, train_many
 from hydro_twin.fitting.refit import network_problem
 from hydro_twin.fitting.regression import Regression, regression
 from hydro_twin.fitting.search import SearchResult
@@ -20,10 +19,12 @@ from hydro_twin.model import Estimate, Model
 from hydro_twin.plants import Plant
 from hydro_twin.plants.plant import FloatArray
 from hydro_twin.predictors.analytical import Analytical
-from hydro_twin.predictors.hybrid import NetworkPredictor
+from hydro_twin.predictors.kind import Settings
+from hydro_twin.predictors.network_predictor import NetworkPredictor
 from hydro_twin.predictors.predictor import Predictor
 from hydro_twin.predictors.scores import errors_of, persistence
 from hydro_twin.recording.series import Recording
+from hydro_twin.studies.b19.populations import fit_one_step
 
 TITLES = {'random': 'RG', 'ea': 'EA', 'bees': 'BA', 'pso': 'PSO', 'mlp': 'MLP',
           'hybrid': 'hybrid', 'least_squares': 'LS'}

@@ -9,11 +9,11 @@ from typing import Any
 
 import numpy as np
 
-from hydro_twin.commands.common import progress
 from hydro_twin.commands.main import plain
 from hydro_twin.files import write_whole
 from hydro_twin.model import Model
 from hydro_twin.predictors.analytical import Analytical
+from hydro_twin.progress import progress
 from hydro_twin.recording.read import read_recording
 from hydro_twin.recording.series import FloatArray
 from hydro_twin.recording.signals import load_signals

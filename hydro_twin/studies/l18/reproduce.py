@@ -17,10 +17,11 @@ from typing import Any
 from matplotlib.figure import Figure
 import numpy as np
 
-from hydro_twin.commands.common import progress, read, rig_of
 from hydro_twin.errors import UserError
 from hydro_twin.files import write_whole
 from hydro_twin.plants.valve_servo import VALVE_SERVO
+from hydro_twin.progress import progress
+from hydro_twin.recording.rig import read, rig_of
 from hydro_twin.recording.series import Recording
 from hydro_twin.report.picture import write_picture
 from hydro_twin.share import share_folder

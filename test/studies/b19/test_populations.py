@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from hydro_twin.fitting.populations import METHODS
+from hydro_twin.studies.b19.populations import METHODS
 
 LOWER, UPPER = np.array([-1.0, 0.0, 10.0]), np.array([2.0, 5.0, 1000.0])
 INSIDE = np.array([0.3, 1.2, 700.0])

@@ -1,20 +1,16 @@
 """The published network method as a method of `hydro-twin refit` for the valve servo."""
 from __future__ import annotations
 
-from collections.abc import Mapping
-
 from hydro_twin.errors import DataError, UserError
-from hydro_twin.fitting.refit import held_estimates, Physics
+from hydro_twin.fitting.physics import held_estimates, Method, Physics, Task
 from hydro_twin.model import Estimate
-from hydro_twin.plants import Plant
 from hydro_twin.plants.valve_servo import VALVE_SERVO
-from hydro_twin.recording.series import Recording
 from hydro_twin.studies.l18.direct import NAMES
 from hydro_twin.studies.l18.linear_loop import PUBLISHED
 from hydro_twin.studies.l18.published_method import fit_published
 
 
-def fit_network(train: Recording, plant: Plant, held: Mapping[str, float], seed: int) -> Physics:
+def fit_network(task: Task) -> Physics:
     """Fit the valve servo by the network of [L18], its weights read as the nearest loop.
 
     k_1 is held, at the published value if at no other. A lag that stopped at the edge of its
@@ -24,6 +20,7 @@ def fit_network(train: Recording, plant: Plant, held: Mapping[str, float], seed:
         UserError: the plant is another, or another parameter than k_1 is to be held.
         DataError: the recording does not allow it, or the weights are of no servo.
     """
+    plant, held = task.plant, task.held
     if plant.name != VALVE_SERVO.name:
         raise UserError(f'--method network is that of [L18] for the {VALVE_SERVO.name}, '
                         f'not for {plant.name}')
@@ -31,7 +28,7 @@ def fit_network(train: Recording, plant: Plant, held: Mapping[str, float], seed:
         raise UserError(f'--method network fits {", ".join(NAMES)} together: it cannot hold '
                         f'{", ".join(others)}, only k_1')
     k_1 = held.get('k_1', PUBLISHED.k_1)
-    found = fit_published(train, k_1, seed).nearest
+    found = fit_published(task.train, k_1, task.seed).nearest
     if 'T_c' in found.at_edge:
         raise DataError('the weights of the network are of no servo: the nearest has T_c/k_1 '
                         f'{found.parameters.T_c / k_1:.3g} s, the edge of the search box; '
@@ -39,3 +36,6 @@ def fit_network(train: Recording, plant: Plant, held: Mapping[str, float], seed:
     estimates = {name: Estimate(getattr(found.parameters, name),
                                 identifiable=name not in found.at_edge) for name in NAMES}
     return Physics({**estimates, **held_estimates({'k_1': k_1})}, None)
+
+
+NETWORK = Method('network', fit_network)

@@ -6,14 +6,10 @@ import math
 from pathlib import Path
 from typing import Any, TYPE_CHECKING
 
-from hydro_twin.commands.common import (
-    add_config_argument,
-    add_seed_argument,
-    progress,
-    read,
-    rig_of,
-)
+from hydro_twin.commands.common import add_config_argument, add_seed_argument
+from hydro_twin.commands.verb import Verb
 from hydro_twin.errors import UserError
+from hydro_twin.progress import progress
 
 if TYPE_CHECKING:
     from rich.console import Console
@@ -37,11 +33,12 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(args: argparse.Namespace) -> dict[str, Any]:
     """Identify both ways; returns what identification.json holds."""
     from hydro_twin.plants.valve_servo import VALVE_SERVO
+    from hydro_twin.recording.rig import read, rig_of
     from hydro_twin.studies.l18.identify import identify
 
     if not 0 < args.k_1 < math.inf:
         raise UserError(f'--k-1 {args.k_1:g}: must be above zero')
-    recording = read([args.bag], rig_of(VALVE_SERVO, args.config))
+    recording = read([args.bag], rig_of(VALVE_SERVO, args.config), progress)
     with progress('fitting', 4) as done:
         return identify(args.bag, recording, args.k_1, args.seed, args.output, done)
 
@@ -71,3 +68,7 @@ def show(result: dict[str, Any], console: Console) -> None:
     for name, parts in network['errors'].items():
         errors.add_row(name, *(f'{parts[part]:.2e}' for part in ('train', 'test')))
     console.print(errors)
+
+
+VERB = Verb('identify', 'identify a turbine valve servo as published, and by least squares',
+            add_arguments, run, show)

@@ -6,6 +6,8 @@ from pathlib import Path
 from typing import Any, TYPE_CHECKING
 
 from hydro_twin.commands import common
+from hydro_twin.commands.verb import Verb
+from hydro_twin.progress import progress
 
 if TYPE_CHECKING:
     from rich.console import Console
@@ -40,17 +42,17 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
     if args.output.exists() and not args.output.is_dir():
         raise UserError(f'{args.output}: is not a folder')
     rig = common.rig_from(args)
-    train, test = common.train_and_test(args, rig)
+    train, test = common.data_from(args, rig).parts
     check_device(args.device)
     pairs = {'direct': (train, test), 'swapped': (test, train)}
     chosen = dict.fromkeys(pairs, SETTINGS)
     if args.search:
         args.output.mkdir(parents=True, exist_ok=True)
-        with common.progress('searching the settings') as tick:
+        with progress('searching the settings') as tick:
             chosen = {name: chosen_settings(
                 pair[0], rig.plant, rig.constants, args.output / f'{name}.{{}}.search.jsonl',
                 args.seed, args.device, tick) for name, pair in pairs.items()}
-    with common.progress('comparing', len(pairs) * len(TITLES) * args.runs) as run_done:
+    with progress('comparing', len(pairs) * len(TITLES) * args.runs) as run_done:
         studies = {
             name: study(*pair, rig.plant, rig.constants, args.runs, args.seed, args.device,
                         run_done, chosen[name]) for name, pair in pairs.items()}
@@ -90,3 +92,7 @@ def show(result: dict[str, Any], console: Console) -> None:
             table.add_row(title, train, '', test, '')
         console.print(table)
     console.print(f'written: {", ".join(result["files"])}')
+
+
+VERB = Verb('compare', 'compare predictors and methods over repeated runs',
+            add_arguments, run, show)

@@ -5,6 +5,8 @@ import argparse
 from pathlib import Path
 from typing import Any, TYPE_CHECKING
 
+from hydro_twin.commands.verb import Verb
+
 if TYPE_CHECKING:
     from rich.console import Console
 
@@ -46,3 +48,9 @@ def show(result: dict[str, Any], console: Console) -> None:
         for signal, figures in signals.items():
             table.add_row(servo, signal, *(f'{value:.3f}' for value in figures.values()))
     console.print(table)
+
+
+VERB = Verb('frequency-control',
+            'simulate primary frequency control with a linear '
+            'and a nonlinear valve servo',
+            add_arguments, run, show)

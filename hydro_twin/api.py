@@ -1,0 +1,177 @@
+"""The Python interface, which the commands are thin over: `import hydro_twin as ht`."""
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from hydro_twin.fitting import refit as fitting
+from hydro_twin.fitting.refit import Refit, Request
+from hydro_twin.model import load_predictor, Model, read_model
+from hydro_twin.plants import Plant, plant_named
+from hydro_twin.plants.plant import FloatArray
+from hydro_twin.predictors import MODES, Predictor
+from hydro_twin.predictors.scores import fit_percent, persistence, pooled, predict, rms
+from hydro_twin.progress import Progress, silent
+from hydro_twin.provenance import provenance
+from hydro_twin.recording.rig import read_apart, Rig, rig_of
+from hydro_twin.recording.series import Recording, split
+from hydro_twin.residual import trace as tracing
+from hydro_twin.residual.trace import Trace
+
+__all__ = ['Data', 'Model', 'Predictor', 'Recording', 'Refit', 'Replay', 'load_predictor', 'read',
+           'read_model', 'refit', 'replay', 'trace']
+
+Paths = Path | str | Sequence[Path | str]
+
+
+@dataclass(frozen=True)
+class Data:
+    """Bags as read, with what is known of the rig.
+
+    Attributes:
+        rig: the plant, its constants in SI units, its signals.
+        recording: the series of the bags, on one time grid, in SI units.
+        test: those of the bags to test on; None if there are none.
+    """
+
+    rig: Rig
+    recording: Recording
+    test: Recording | None = None
+
+    @property
+    def plant(self) -> Plant:
+        """The plant."""
+        return self.rig.plant
+
+    @property
+    def parts(self) -> tuple[Recording, Recording]:
+        """(train, test); without bags to test on, the first third of every series tests [B19]."""
+        return split(self.recording) if self.test is None else (self.recording, self.test)
+
+    def provenance(self, seed: int, command: str) -> dict[str, Any]:
+        """Say where a model comes from that is made of this."""
+        return provenance(self.recording.sources, self.test.sources if self.test else (), seed,
+                          command)
+
+
+@dataclass(frozen=True)
+class Replay:
+    """A model run over a recording.
+
+    Attributes:
+        recording: what was recorded.
+        predictions: 'one_step' and 'free_run' -> for each series an array of its length, in the
+            output's unit; nan where there is no prediction, or it has diverged.
+    """
+
+    plant: Plant
+    recording: Recording
+    predictions: Mapping[str, Sequence[FloatArray]]
+
+    def summary(self) -> dict[str, Any]:
+        """Return samples and errors, in the output's unit, as `replay --json` prints them."""
+        result: dict[str, Any] = {
+            'samples': sum(map(len, self.recording.series)),
+            'series': len(self.recording.series),
+            'sample_time': self.recording.sample_time,
+            'unit': self.plant.output.unit,
+        }
+        for mode, predicted in self.predictions.items():
+            error, measured = pooled(self.recording, self.plant, predicted, mode)
+            result[mode] = {'rmse': rms(error), 'fit_percent': fit_percent(error, measured)}
+        return {**result, 'persistence': {'rmse': persistence(self.recording, self.plant)}}
+
+
+def read(bags: Paths, plant: Plant | str, *, test: Paths = (), config: Path | str | None = None,
+         constants: Mapping[str, float] | None = None, model: Model | None = None) -> Data:
+    """Read bags of a plant.
+
+    Args:
+        bags: rosbag2 recordings: folders, or single files.
+        plant: the plant, or its name.
+        test: bags to test on; none: the first third of every series.
+        config: ROS parameter file with signals and constants; None: that of the plant.
+        constants: of the rig, in SI units; they take precedence over the file.
+        model: whose sample time is the usual one.
+
+    Raises:
+        UserError: there is no such plant, or the configuration or a constant is wrong.
+        BagError: a bag cannot be read, or lacks a signal.
+    """
+    plant = plant_named(plant) if isinstance(plant, str) else plant
+    rig = rig_of(plant, Path(config) if config else None, dict(constants or {}), model)
+    return read_data(_paths(bags), _paths(test), rig)
+
+
+def read_data(bags: Sequence[Path], test: Sequence[Path], rig: Rig, show: Progress = silent
+              ) -> Data:
+    """Read bags of a rig, and those to test on, all on one clock.
+
+    Raises:
+        BagError: a bag cannot be read, or lacks a signal.
+    """
+    return Data(rig, *read_apart([bags, test] if test else [bags], rig, show))
+
+
+def refit(data: Data, request: Request | None = None, *, command: str = 'hydro_twin.refit',
+          show: Progress = silent) -> Refit:
+    """Fit a model.
+
+    Args:
+        data: what to fit it to.
+        request: what to fit and how; None: an analytical model by least squares.
+        command: what the model file is to say that it was made by.
+        show: shows what is being done.
+
+    Raises:
+        UserError: what is asked for does not go together.
+        DataError: the samples do not allow it.
+        ModuleNotFoundError: torch is needed and not installed.
+    """
+    request = request or Request()
+    return fitting.refit(*data.parts, data.plant, data.rig.constants, request,
+                         data.provenance(request.seed, command), show)
+
+
+def trace(data: Data, model: Model | None = None, seed: int = 0, *, show: Progress = silent
+          ) -> Trace:
+    """Find the effects that a model lacks.
+
+    Args:
+        data: what it is to explain.
+        model: an analytical one to start from; None: a fresh fit.
+        seed: of all that is random.
+        show: shows what is being done.
+
+    Raises:
+        UserError: the model has a network.
+        DataError: the samples do not allow it.
+    """
+    if model is not None:
+        model = model.at(data.recording.sample_time)
+    with show('tracing', None) as step:
+        return tracing.trace(data.recording, data.test, data.plant, data.rig.constants, model,
+                             seed, lambda _: step())
+
+
+def replay(data: Data, model: Model | Predictor) -> Replay:
+    """Run a model over a recording, one step and free run.
+
+    Args:
+        data: the recording.
+        model: an analytical one; one with weights as `load_predictor` gives it.
+
+    Raises:
+        ModelError: the model is not of this sample time and cannot run at it, or has weights.
+    """
+    predictor = (model.at(data.recording.sample_time).predictor() if isinstance(model, Model)
+                 else model)
+    return Replay(data.plant, data.recording, {
+        mode: predict(predictor, data.recording.series, mode) for mode in MODES})
+
+
+def _paths(given: Paths) -> list[Path]:
+    """Take one path, or many."""
+    return [Path(given)] if isinstance(given, Path | str) else [Path(path) for path in given]

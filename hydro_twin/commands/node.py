@@ -1,0 +1,23 @@
+"""hydro-twin node: the live twin."""
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+from hydro_twin.commands.verb import RosVerb
+
+
+def overview() -> str:
+    """List the parameters of the node."""
+    from hydro_twin.live.settings import overview
+
+    return f'parameters:\n{overview()}'
+
+
+def main(arguments: Sequence[str]) -> int:
+    """Run the node until it is stopped."""
+    from hydro_twin.ros.spin import main as spin
+
+    return spin(list(arguments))
+
+
+VERB = RosVerb('node', 'the live twin, a ROS 2 node (takes ROS arguments)', overview, main)

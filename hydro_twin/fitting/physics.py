@@ -1,0 +1,194 @@
+"""Fit of the physical parameters of a plant: what a method is given, and what it returns."""
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from hydro_twin.effects import Placed
+from hydro_twin.errors import UserError
+from hydro_twin.fitting.candidate import parts_of
+from hydro_twin.fitting.coefficients import coefficients_of
+from hydro_twin.fitting.free_run import fit_linear
+from hydro_twin.fitting.identifiability import assess, Identifiability
+from hydro_twin.fitting.one_step import at_bound, Coefficients, least_squares, sensitivities
+from hydro_twin.fitting.regression import Regression, regression
+from hydro_twin.fitting.search import SearchResult
+from hydro_twin.fitting.whiteness import is_white
+from hydro_twin.model import Estimate
+from hydro_twin.plants import Plant
+from hydro_twin.plants.plant import FloatArray, Parameter
+from hydro_twin.plugins import plugin_named, plugin_names
+from hydro_twin.recording.series import Recording
+
+CRITERIA = ('free_run', 'one_step')
+GROUP = 'hydro_twin.methods'    # entry points: the studies' methods and those of other packages
+BIASED = ('one-step fit with a residual that is not white: noise of the measured outputs among '
+          'the regressors biases the values by an unknown amount, so none has a standard error; '
+          'a least-squares fit of the free run is free of this bias')
+
+# (one-step problem, coefficients of parameters, plant with a search box, seed) -> the best
+Search = Callable[[Regression, Coefficients, Plant, int], SearchResult]
+
+
+@dataclass(frozen=True)
+class Task:
+    """What a method is asked to fit.
+
+    Attributes:
+        train: the recording to fit.
+        constants: of the rig, in SI units.
+        criterion: one of CRITERIA: the error to minimise.
+        seed: of all that is random.
+        held: parameters taken as known, by name, in SI units.
+        effects: known ones; the free run has them, one step is of the linear laws.
+    """
+
+    train: Recording
+    plant: Plant
+    constants: Mapping[str, float]
+    criterion: str
+    seed: int
+    held: Mapping[str, float]
+    effects: tuple[Placed, ...] = ()
+
+
+@dataclass(frozen=True)
+class Physics:
+    """Physical parameters as fitted.
+
+    Attributes:
+        known: what the data determine; None where the method cannot tell.
+        notes: what must be said beside the values.
+    """
+
+    estimates: Mapping[str, Estimate]
+    known: Identifiability | None
+    notes: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True)
+class Method:
+    """A way to fit physical parameters.
+
+    Attributes:
+        name: after `--method`.
+        fit: does it; raises UserError where the task is not for it, DataError where the samples
+            do not allow it.
+        criteria: those of CRITERIA that it can minimise.
+    """
+
+    name: str
+    fit: Callable[[Task], Physics]
+    criteria: tuple[str, ...] = ('one_step',)
+
+
+def method_named(name: str) -> Method:
+    """Return the method of that name.
+
+    Raises:
+        UserError: there is none, the message lists those there are; or it cannot be loaded.
+    """
+    if name == LEAST_SQUARES.name:
+        return LEAST_SQUARES
+    if name not in plugin_names(GROUP):
+        known = ', '.join((LEAST_SQUARES.name, *plugin_names(GROUP)))
+        raise UserError(f'no method {name!r}; there are {known}')
+    return plugin_named(GROUP, name, Method)
+
+
+def fit_physics(task: Task, method: str) -> Physics:
+    """Fit the parameters of the plant within the search box, by the method of that name.
+
+    Raises:
+        UserError: there is no such method, it knows another criterion only, or a held parameter
+            is not one.
+        DataError: the samples do not allow it.
+    """
+    chosen = method_named(method)
+    if task.criterion not in chosen.criteria:
+        raise UserError(f'--method {method} minimises the one-step error, as in [B19]; '
+                        'only least_squares knows --criterion free_run')
+    return chosen.fit(task)
+
+
+def fit_free_run(task: Task) -> Physics:
+    """Fit the output error by least squares."""
+    free = task.plant.holding(task.held)
+    fit = fit_linear(free, parts_of(task.train, free), {**task.constants, **task.held},
+                     task.train.sample_time, 'box', timing=False, seed=task.seed,
+                     effects=task.effects)
+    values = {p.name: fit.candidate.values[p.name] for p in free.parameters}
+    return _physics(task, free, values, fit.identifiability(), biased=False)
+
+
+def fit_one_step(task: Task, search: Search) -> Physics:
+    """Fit the one-step prediction error by a search of the box."""
+    plant, train = task.plant, task.train
+    free = plant.holding(task.held)
+    names = [p.name for p in free.parameters]
+    inputs = [signal.name for signal in plant.inputs]
+    coefficients = coefficients_of(free, {**task.constants, **task.held}, train.sample_time)
+    factor = regression(train.series, plant.output.name, inputs, plant.order)
+    best = search(factor, coefficients, free, task.seed).best
+    lower, upper = box(free)
+    slopes = list(sensitivities(train.series, plant.output.name, inputs, plant.order,
+                                coefficients, best))
+    known = assess(slopes, names, free.combinations, at_bound(names, best, lower, upper))
+    return _physics(task, free, dict(zip(names, best.tolist(), strict=True)), known,
+                    biased=not is_white([residual for _, residual in slopes]))
+
+
+def box(plant: Plant) -> tuple[FloatArray, FloatArray]:
+    """Return the lower and the upper corner of the search box, each of shape (d,)."""
+    lower, upper = np.array([(p.lower, p.upper) for p in plant.parameters]).T
+    return lower, upper
+
+
+def search_least_squares(factor: Regression, coefficients: Coefficients, plant: Plant, seed: int
+                         ) -> SearchResult:
+    """Search the plant's box for the least one-step error by least squares."""
+    return least_squares(factor, coefficients, [p.name for p in plant.parameters],
+                         plant.combinations, *box(plant), seed)
+
+
+def _fit_least_squares(task: Task) -> Physics:
+    if task.criterion == 'free_run':
+        return fit_free_run(task)
+    return fit_one_step(task, search_least_squares)
+
+
+LEAST_SQUARES = Method('least_squares', _fit_least_squares, CRITERIA)
+
+
+def _physics(task: Task, free: Plant, values: Mapping[str, float], known: Identifiability,
+             biased: bool) -> Physics:
+    """Say of values what is known of them."""
+    estimates = {p.name: _estimate(p, values[p.name], known, biased) for p in free.parameters}
+    notes = [f'{p.name} ended at the {estimates[p.name].at_bound} bound of its search, '
+             f'{estimates[p.name].value:g} {p.unit}: not an estimate, and what is said of the '
+             f'others holds for this value' for p in free.parameters
+             if estimates[p.name].at_bound]
+    if biased:
+        known = replace(known, combinations=dict.fromkeys(known.combinations))
+        notes.append(BIASED)
+    estimates |= held_estimates(task.held)
+    return Physics({p.name: estimates[p.name] for p in task.plant.parameters}, known,
+                   tuple(notes))
+
+
+def held_estimates(held: Mapping[str, float]) -> dict[str, Estimate]:
+    """Say of parameters that they were taken as known."""
+    return {name: Estimate(value, identifiable=False, held=True) for name, value in held.items()}
+
+
+def _estimate(p: Parameter, value: float, known: Identifiability, biased: bool) -> Estimate:
+    """Say what is known of a parameter; no standard error where the fit is biased."""
+    relative = known.std_error[p.name]
+    edge = ''
+    if p.name in known.at_bound:
+        edge = 'lower' if value * value < p.lower * p.upper else 'upper'
+    return Estimate(float(value),
+                    None if relative is None or biased else float(value * relative),
+                    relative is not None, edge)

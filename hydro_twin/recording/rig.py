@@ -1,0 +1,85 @@
+"""The rig at hand: its plant, what its configuration says, and the bags recorded on it."""
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+import logging
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from hydro_twin.progress import Progress, silent
+from hydro_twin.recording.bag import read_signals
+from hydro_twin.recording.clock import Clock, clock_of, slowest
+from hydro_twin.recording.read import read_recording
+from hydro_twin.recording.series import Recording
+from hydro_twin.recording.signals import load_constants, load_parameters, load_signals, SignalMap
+
+if TYPE_CHECKING:
+    from hydro_twin.model import Model
+    from hydro_twin.plants import Plant
+
+log = logging.getLogger(__name__)
+
+
+@dataclass(frozen=True)
+class Rig:
+    """The plant at hand, and what is known of this copy of it.
+
+    Attributes:
+        constants: all constants of the plant, in SI units.
+        signals: where the plant's inputs and its output are found in messages.
+        clock: what is known of the sample time before a recording is read.
+    """
+
+    plant: Plant
+    constants: dict[str, float]
+    signals: dict[str, SignalMap]
+    clock: Clock
+
+
+def rig_of(plant: Plant, config: Path | None = None, constants: dict[str, float] | None = None,
+           model: Model | None = None) -> Rig:
+    """Gather what a configuration says of a plant; `constants` take precedence over it.
+
+    Args:
+        plant: the plant.
+        config: ROS parameter file.
+        constants: of the rig.
+        model: that the job runs, whose clock is then the usual one.
+
+    Raises:
+        UserError: the configuration or a constant is wrong.
+    """
+    signals = load_signals(plant.name, [signal.name for signal in plant.signals], config)
+    given = load_parameters(config) if config else {}
+    clock = clock_of(plant, given, str(config), model.sample_time if model else None)
+    values = plant.constant_values(load_constants(plant.name, config) | (constants or {}))
+    return Rig(plant, values, signals, clock)
+
+
+def read(bags: Sequence[Path], rig: Rig, show: Progress = silent) -> Recording:
+    """Read bags on one clock, commands held and measurements interpolated.
+
+    Raises:
+        BagError: a bag cannot be read, or lacks a signal.
+    """
+    return read_apart([bags], rig, show)[0]
+
+
+def read_apart(groups: Sequence[Sequence[Path]], rig: Rig, show: Progress = silent
+               ) -> list[Recording]:
+    """Read groups of bags as a recording each, all on one clock, which the slowest bag sets.
+
+    Raises:
+        BagError: a bag cannot be read, or lacks a signal.
+    """
+    held = {signal.name for signal in rig.plant.signals if signal.held}
+    measured = {name: signal for name, signal in rig.signals.items() if name not in held}
+    with show('reading', None):
+        periods = {} if rig.clock.given else {
+            bag: slowest(read_signals(bag, measured), held) for bags in groups for bag in bags}
+        sample_time = rig.clock.over(periods.values())
+        if any(rig.clock.over([period]) < sample_time for period in periods.values()):
+            log.warning('all bags are read at %g s, the sample time of the slowest, %s',
+                        sample_time, max(periods, key=lambda path: periods[path]))
+        return [read_recording(bags, rig.signals, held, sample_time) for bags in groups]

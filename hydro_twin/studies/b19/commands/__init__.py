@@ -1,0 +1,1 @@
+"""The verb that the study adds to the command line."""

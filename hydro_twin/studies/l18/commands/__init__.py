@@ -1,0 +1,1 @@
+"""The verbs that the study adds to the command line."""
