@@ -97,7 +97,9 @@ def _replay(bag: Path, model: Path, output: Path | None, config: Path | None,
         runs = {str(path): predict(other, recording.series, 'free_run')
                 for path, other in others.items()}
         runs[str(model)] = predictions['free_run']
-        write_picture(draw(recording, plant, runs), picture)
+        errors = {name: rms(pooled(recording, plant, run, 'free_run')[0])
+                  for name, run in runs.items()}
+        write_picture(draw(recording, plant, runs, errors), picture)
         result['picture'] = str(picture)
     return result
 

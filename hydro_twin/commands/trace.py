@@ -54,10 +54,10 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
     if model is not None:
         model = model.at(recording.sample_time)
     with progress('tracing') as step:
-        found = trace(recording, test, rig.plant, rig.constants, model, args.seed,
+        result = trace(recording, test, rig.plant, rig.constants, model, args.seed,
                       lambda _: step())
     origin = provenance(recording.sources, test.sources if test else (), args.seed)
-    return write_files(found, args.output, origin)
+    return write_files(result, args.output, origin)
 
 
 def show(result: dict[str, Any], console: Console) -> None:
