@@ -2,26 +2,30 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
+from typing import Any, TYPE_CHECKING
 
+from hydro_twin.errors import UserError
 from hydro_twin.fitting import refit as fitting
 from hydro_twin.fitting.refit import Refit, Request
 from hydro_twin.model import load_predictor, Model, read_model
 from hydro_twin.plants import Plant, plant_named
 from hydro_twin.plants.plant import FloatArray
-from hydro_twin.predictors import MODES, Predictor
+from hydro_twin.predictors import kind_named, MODES, Predictor
 from hydro_twin.predictors.scores import fit_percent, persistence, pooled, predict, rms
 from hydro_twin.progress import Progress, silent
 from hydro_twin.provenance import provenance
 from hydro_twin.recording.rig import read_apart, Rig, rig_of
 from hydro_twin.recording.series import Recording, split
 from hydro_twin.residual import trace as tracing
-from hydro_twin.residual.trace import Trace
+from hydro_twin.result import TraceResult
 
-__all__ = ['Data', 'Model', 'Predictor', 'Recording', 'Refit', 'Replay', 'load_predictor', 'read',
-           'read_model', 'refit', 'replay', 'trace']
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+__all__ = ['Data', 'Model', 'Predictor', 'Recording', 'Refit', 'Replay', 'Request', 'Trace',
+           'load_predictor', 'read', 'read_model', 'refit', 'replay', 'trace']
 
 Paths = Path | str | Sequence[Path | str]
 
@@ -83,6 +87,59 @@ class Replay:
             result[mode] = {'rmse': rms(error), 'fit_percent': fit_percent(error, measured)}
         return {**result, 'persistence': {'rmse': persistence(self.recording, self.plant)}}
 
+    def figure(self, name: str = 'model') -> Figure:
+        """Draw how the recording begins, measured and by free run, and the errors."""
+        from hydro_twin.report.picture import draw
+
+        return draw(self.recording, self.plant, {name: self.predictions['free_run']},
+                    {name: self.summary()['free_run']['rmse']})
+
+
+@dataclass(frozen=True)
+class Trace:
+    """What a trace found, and where it comes from.
+
+    Attributes:
+        result: all that was found, computed once.
+        provenance: for the model files.
+    """
+
+    result: TraceResult
+    provenance: Mapping[str, Any]
+
+    @property
+    def model(self) -> Model:
+        """The model with all that was found."""
+        return replace(self.result.after, provenance=self.provenance)
+
+    @property
+    def before(self) -> Model:
+        """The model without it."""
+        return replace(self.result.before, provenance=self.provenance)
+
+    def summary(self) -> dict[str, Any]:
+        """Return what report.json holds; errors in the output's unit."""
+        from hydro_twin.report.summary import summarise
+
+        return summarise(self.result)
+
+    def figures(self) -> dict[str, Figure]:
+        """Draw the figures of the report, by the names of their files."""
+        from hydro_twin.report.drawing import draw
+        from hydro_twin.report.figures import illustrations
+
+        return {one.name: draw(one) for one in illustrations(self.result)}
+
+    def save(self, folder: Path | str) -> dict[str, Any]:
+        """Write report, models and figures into a folder; returns what report.json holds.
+
+        Raises:
+            UserError: the folder cannot be written.
+        """
+        from hydro_twin.report.trace_files import write_files
+
+        return write_files(self.result, Path(folder), dict(self.provenance))
+
 
 def read(bags: Paths, plant: Plant | str, *, test: Paths = (), config: Path | str | None = None,
          constants: Mapping[str, float] | None = None, model: Model | None = None) -> Data:
@@ -135,25 +192,29 @@ def refit(data: Data, request: Request | None = None, *, command: str = 'hydro_t
                          data.provenance(request.seed, command), show)
 
 
-def trace(data: Data, model: Model | None = None, seed: int = 0, *, show: Progress = silent
-          ) -> Trace:
+def trace(data: Data, model: Model | None = None, seed: int = 0, *,
+          command: str = 'hydro_twin.trace', show: Progress = silent) -> Trace:
     """Find the effects that a model lacks.
 
     Args:
         data: what it is to explain.
         model: an analytical one to start from; None: a fresh fit.
         seed: of all that is random.
+        command: what the model file is to say that it was made by.
         show: shows what is being done.
 
     Raises:
-        UserError: the model has a network.
+        UserError: the model is not an analytical one.
         DataError: the samples do not allow it.
     """
     if model is not None:
+        if not kind_named(model.kind).analytical:
+            raise UserError(f'a model of kind {model.kind}; a trace starts from an analytical one')
         model = model.at(data.recording.sample_time)
     with show('tracing', None) as step:
-        return tracing.trace(data.recording, data.test, data.plant, data.rig.constants, model,
-                             seed, lambda _: step())
+        result = tracing.trace(data.recording, data.test, data.plant, data.rig.constants, model,
+                               seed, lambda _: step())
+    return Trace(result, data.provenance(seed, command))
 
 
 def replay(data: Data, model: Model | Predictor) -> Replay:

@@ -2,16 +2,19 @@
 import ast
 from pathlib import Path
 import re
+import subprocess
+import sys
 
 ROOT = Path(__file__).resolve().parents[1]
 PACKAGE = ROOT / 'hydro_twin'
+VALUES = ('api', 'model', 'result')     # modules at the top that stand for a layer
 ROW = re.compile(r'^\| (\d+) \| `(\w+)` \|(.*)\|$', re.MULTILINE)
 
 
 def of(module):
     """Name the package of a dotted module name; those at the top hold only themselves."""
     name = module.split('.')[1] if module.count('.') else ''
-    return name if (PACKAGE / name).is_dir() or name in ('api', 'model') else ''
+    return name if (PACKAGE / name).is_dir() or name in VALUES else ''
 
 
 def imported(path):
@@ -44,3 +47,16 @@ def test_the_packages_import_each_other_as_the_page_says():
     climbing = {(here, there) for here, names in found.items() for there in names
                 if layer[there] >= layer[here]}
     assert climbing == upward
+
+
+def test_report_only_draws():
+    """It sees results and models, and nothing that fits or judges one, even indirectly."""
+    code = ('import importlib, pkgutil, sys, hydro_twin.report as report\n'
+            'for module in pkgutil.iter_modules(report.__path__):\n'
+            "    importlib.import_module(f'hydro_twin.report.{module.name}')\n"
+            "print(*(name for name in sys.modules if name.startswith('hydro_twin.')))")
+    loaded = subprocess.run([sys.executable, '-c', code], capture_output=True, text=True,
+                            check=True).stdout.split()
+    packages = {of(name) for name in loaded}
+    assert packages >= {'report', 'result', 'model'}
+    assert not packages & {'fitting', 'residual', 'simulation', 'live', 'commands', 'studies'}

@@ -79,7 +79,6 @@ def trace_rig(seed: int) -> dict[str, Any]:
     from hydro_twin.plants.load_simulator import LOAD_SIMULATOR
     from hydro_twin.report.summary import summarise
     from hydro_twin.residual.trace import trace
-    from hydro_twin.residual.verdict import judge
 
     case = case_of(seed)
     rig = case.rig()
@@ -100,7 +99,7 @@ def trace_rig(seed: int) -> dict[str, Any]:
     begin = time.perf_counter()
     try:
         found = trace(rig.recording(), None, LOAD_SIMULATOR)
-        summary = summarise(found, judge(found))
+        summary = summarise(found)
         line['report'] = {name: part for name, part in summary.items() if name != 'series'}
     except Exception:    # a rig that breaks the tracer is a result, and the others go on
         line['failure'] = traceback.format_exc()

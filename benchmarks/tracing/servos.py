@@ -159,7 +159,6 @@ def trace_servo(seed: int) -> dict[str, Any]:
     from hydro_twin.plants.valve_servo import VALVE_SERVO
     from hydro_twin.report.summary import summarise
     from hydro_twin.residual.trace import trace
-    from hydro_twin.residual.verdict import judge
 
     kind, choice, excitation, snr_db = case_of(seed)
     rig = make_rig(seed)
@@ -173,7 +172,7 @@ def trace_servo(seed: int) -> dict[str, Any]:
     begin = time.perf_counter()
     try:
         found = trace(rig.recording(), None, VALVE_SERVO)
-        summary = summarise(found, judge(found))
+        summary = summarise(found)
         line['report'] = {name: part for name, part in summary.items() if name != 'series'}
     except Exception:    # a rig that breaks the tracer is a result, and the others go on
         line['failure'] = traceback.format_exc()

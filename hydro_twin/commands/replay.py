@@ -88,10 +88,11 @@ def _replay(bag: Path, model: Path, output: Path | None, config: Path | None,
     if picture is not None:
         from hydro_twin.report.picture import draw, write_picture
 
-        runs = {str(path): api.replay(data, predictors[path]).predictions['free_run']
-                for path in beside}
-        runs[str(model)] = replayed.predictions['free_run']
-        write_picture(draw(data.recording, plant, runs), picture)
+        replays = {str(path): api.replay(data, predictors[path]) for path in beside}
+        replays[str(model)] = replayed
+        runs = {name: one.predictions['free_run'] for name, one in replays.items()}
+        errors = {name: one.summary()['free_run']['rmse'] for name, one in replays.items()}
+        write_picture(draw(data.recording, plant, runs, errors), picture)
         result['picture'] = str(picture)
     return result
 

@@ -42,7 +42,6 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
     from hydro_twin import api
     from hydro_twin.model import read_model
     from hydro_twin.predictors import kind_named
-    from hydro_twin.report.trace_files import write_files
 
     model = read_model(args.model) if args.model else None
     rig = rig_from(args, model)
@@ -51,9 +50,9 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
                         'analytical one')
     if args.output.exists() and not args.output.is_dir():
         raise UserError(f'{args.output}: is a file; a folder is needed for the report')
-    data = data_from(args, rig)
-    found = api.trace(data, model, args.seed, show=progress)
-    return write_files(found, args.output, data.provenance(args.seed, command_line()))
+    found = api.trace(data_from(args, rig), model, args.seed, command=command_line(),
+                      show=progress)
+    return found.save(args.output)
 
 
 def show(result: dict[str, Any], console: Console) -> None:

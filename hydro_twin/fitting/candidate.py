@@ -113,8 +113,14 @@ class Candidate:
         """How many samples at the begin of a part set its state, and are not scored."""
         return self.plant.start_samples(self.sample_time)
 
+    @classmethod
+    def of(cls, model: Model) -> Candidate:
+        """Take the values of a model."""
+        return cls(model.plant, model.values, model.sample_time, model.placed,
+                   dict(model.timing), model.substeps)
+
     def model(self) -> Model:
-        """Make a model of the same values."""
+        """Make a model of the same values, which promises nothing."""
         constants = {c.name: self.values[c.name] for c in self.plant.constants}
         return Model(
             self.plant, {p.name: Estimate(self.values[p.name]) for p in self.plant.parameters},

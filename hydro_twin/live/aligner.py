@@ -11,7 +11,7 @@ import math
 import numpy as np
 
 from hydro_twin.live.track import JUMP, Track
-from hydro_twin.recording.grid import MAX_GAP
+from hydro_twin.recording.grid import MAX_GAP, ROUNDING
 
 
 class Aligner:
@@ -41,6 +41,7 @@ class Aligner:
         self.jumps = 0
         self.reason = ''
         self._step = sample_time * 1e9
+        self._rounding = round(ROUNDING * self._step)
         self.bound_wait(wait)
         self._due: int | None = None   # the next grid time, None between two series
         self._start = 0                # of this series
@@ -158,12 +159,13 @@ class Aligner:
         ready = True
         for track in self.tracks:
             after = track.after
-            while after and after[0][0] <= due:
+            until = due + self._rounding if track.held else due
+            while after and after[0][0] <= until:
                 if track.breaks(after[0][0]):
                     return None
                 track.before = after.popleft()
             before = track.before
-            if before is not None and before[0] == due:
+            if before is not None and before[0] >= due:
                 continue
             if after:
                 if before is None or track.breaks(due):
@@ -181,7 +183,7 @@ class Aligner:
             if track.before is None:
                 continue   # the output before it has come for the first time
             stamp, value = track.before
-            if stamp != due:
+            if stamp < due:
                 if not track.after:
                     track.awaited = False
                     track.filled += 1

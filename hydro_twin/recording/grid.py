@@ -15,6 +15,7 @@ MIN_SAMPLES = 10   # shorter stretches hold nothing to learn from
 FEWEST_STEADY = 20   # pauses, to tell that a command is sent at a rate
 STEADY_SHARE = 0.9   # of the pauses of a command within half a period: it is sent at a rate
 SLACK = 0.1   # of a sample time: a held signal without stamps may be this late
+ROUNDING = 1e-3   # of a sample time: one with stamps, which may come from rounded numbers
 
 
 def to_grid(signals: Mapping[str, Samples], held: Collection[str], sample_time: float,
@@ -23,7 +24,7 @@ def to_grid(signals: Mapping[str, Samples], held: Collection[str], sample_time: 
 
     t0 is the first time at which all signals are known: the latest of their first stamps. A live
     node that follows the same rule and holds its commands sees the same samples. Stamps that lie
-    on the grid give their samples unchanged.
+    on the grid give their samples unchanged; commands a rounding error after it count as on it.
 
     Args:
         signals: name -> samples as recorded.
@@ -49,7 +50,7 @@ def to_grid(signals: Mapping[str, Samples], held: Collection[str], sample_time: 
         columns = {}
         for name, samples in signals.items():
             if name in held:
-                slack = 0 if samples.stamped else round(SLACK * step)
+                slack = round((ROUNDING if samples.stamped else SLACK) * step)
                 columns[name] = hold(times[name], samples.values, grid + slack)
             else:
                 columns[name] = interpolate(times[name], samples.values, grid)

@@ -12,7 +12,12 @@ HEIGHT = 3.2                                # inches, of a usual chart
 
 
 def write_png(illustration: Illustration, path: Path) -> None:
-    """Draw what the page shows when it is opened; the same figure gives the same bytes."""
+    """Write a figure as PNG; the same figure gives the same bytes."""
+    draw(illustration).savefig(path, format='png', dpi=110, metadata={'Software': None})
+
+
+def draw(illustration: Illustration) -> Figure:
+    """Draw what the page shows when it is opened."""
     charts = illustration.views[0].charts
     heights = [chart.height for chart in charts]
     figure = Figure(figsize=(9.0, HEIGHT * sum(heights) + 0.4), layout='constrained')
@@ -22,7 +27,7 @@ def write_png(illustration: Illustration, path: Path) -> None:
     for axes, chart in zip(grid[:, 0], charts, strict=True):
         _draw(axes, chart)
     grid[-1, 0].set_xlabel(charts[-1].x_label)
-    figure.savefig(path, format='png', dpi=110, metadata={'Software': None})
+    return figure
 
 
 def _draw(axes: Axes, chart: Chart) -> None:

@@ -2,18 +2,16 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 from scipy import signal
 
+from hydro_twin.effects import Placed
 from hydro_twin.effects.curve import values
-from hydro_twin.plants import Port
+from hydro_twin.model import Model
+from hydro_twin.plants import Plant, Port
 from hydro_twin.plants.plant import FloatArray
-from hydro_twin.predictors.analytical import Analytical
-from hydro_twin.predictors.scores import first_scored, predict
-from hydro_twin.recording.series import Series
 from hydro_twin.report.chart import (
     AFTER,
     axis,
@@ -27,12 +25,8 @@ from hydro_twin.report.chart import (
     thin,
     View,
 )
-from hydro_twin.report.shape import illustrate_effect
 from hydro_twin.report.summary import effect_estimates
-from hydro_twin.residual.curve import Found
-from hydro_twin.residual.structure import Dependence
-from hydro_twin.residual.trace import Trace
-from hydro_twin.residual.verdict import Verdict
+from hydro_twin.result import Dependence, NamedEffect, Profile, Shape, TraceResult
 
 POINTS = 24_000         # of one curve, over all parts together
 SEGMENT = 1024          # samples, of a spectrum
@@ -40,63 +34,31 @@ SHOWN = 3               # dependences
 FINE = 161              # points of a curve
 
 
-@dataclass(frozen=True)
-class Run:
-    """A series with the free runs of the model before and after, as they are reported.
-
-    Attributes:
-        label: 'test 1', 'training 2', ...
-        first: index of the first sample that is scored.
-    """
-
-    label: str
-    series: Series
-    measured: FloatArray
-    first: int
-    before: FloatArray
-    after: FloatArray
-
-
-def runs(trace: Trace) -> list[Run]:
-    """Run both models over all series, those that were not fitted first."""
-    plant = trace.plant
-    labelled = [(f'{name} {k + 1}', series) for name, part in
-                (('test', 'test'), ('training', 'train'))
-                for k, series in enumerate(trace.recordings[part].series)]
-    before, after = (predict(Analytical(fit.candidate.model()), [s for _, s in labelled],
-                             'free_run') for fit in (trace.before, trace.final))
-    return [Run(label, series, series[plant.output.name],
-                first_scored(series, plant, 'free_run'), one, other)
-            for (label, series), one, other in zip(labelled, before, after, strict=True)
-            if len(series) > first_scored(series, plant, 'free_run')]
-
-
-def illustrations(trace: Trace, verdict: Verdict, ran: Sequence[Run]) -> list[Illustration]:
+def illustrations(result: TraceResult) -> list[Illustration]:
     """List the figures of the page, in its order."""
-    fit = trace.final
-    effects = [illustrate_effect(fit, fit.candidate.effects[judged.finding.index], trace.fitted)
-               for judged in verdict.judged]
-    found = ([_curve(trace.found)] if trace.found else
-             [_dependence(dependence) for dependence in trace.depends_on[:SHOWN]])
-    return [_output(trace, ran), *effects, *found, _spectra(trace, ran)]
+    effects = [_effect(effect, shape, result.plant)
+               for effect, shape in zip(result.effects, result.shapes, strict=True)]
+    found = ([_curve(result.found.placed, result.after)] if result.found else
+             [_dependence(dependence) for dependence in result.remainder.depends_on[:SHOWN]])
+    return [_output(result), *effects, *found, _spectra(result)]
 
 
-def _names(trace: Trace) -> tuple[tuple[str, str], ...]:
+def _names(result: TraceResult) -> tuple[tuple[str, str], ...]:
     """Name the models shown, with their colours."""
-    if trace.changed:
+    if result.changed:
         return ('before', BEFORE), ('after', AFTER)
     return (('model', BEFORE),)
 
 
-def _output(trace: Trace, ran: Sequence[Run]) -> Illustration:
+def _output(result: TraceResult) -> Illustration:
     """Measured and predicted over time, and their difference, part by part."""
-    sample_time, output = trace.before.candidate.sample_time, trace.plant.output
-    most = max(200, POINTS // len(ran))
+    sample_time, output = result.before.sample_time, result.plant.output
+    most = max(200, POINTS // len(result.runs))
     views = []
-    for run in ran:
+    for run in result.runs:
         time = sample_time * np.arange(len(run.measured), dtype=np.float64)
         models = [(name, y, colour) for (name, colour), y in
-                  zip(_names(trace), (run.before, run.after), strict=False)]
+                  zip(_names(result), (run.before, run.after), strict=False)]
         measured, first = run.measured, run.first
         above = Chart('time [s]', axis(output.meaning, output.unit), (
             Curve('measured', *thin(time, measured, most), MEASURED, 'thick'),
@@ -109,18 +71,53 @@ def _output(trace: Trace, ran: Sequence[Run]) -> Illustration:
     caption = (
         f'Above, the {output.meaning} as measured and in free run, from rest at the first sample '
         f'measured of each series. Below, the residual: measured less predicted, without the '
-        f'start-up of each series, {trace.plant.start_up:g} s, which is not scored. '
+        f'start-up of each series, {result.plant.start_up:g} s, which is not scored. '
         f'Nothing was fitted to the test parts.')
-    if any(len(run.measured) > most for run in ran):
+    if any(len(run.measured) > most for run in result.runs):
         caption += ' Long parts are drawn by the least and the largest of every few samples.'
     return Illustration('output', 'Measured and predicted', caption, tuple(views))
 
 
-def _curve(found: Found) -> Illustration:
-    """Show the curve that is in the model without a name."""
-    placed = found.placed
+def _effect(effect: NamedEffect, shape: Shape | Profile, plant: Plant) -> Illustration:
+    """Show an effect at its port, or, for a delay, the error over the delay."""
+    title = f'{effect.placed.effect.title.capitalize()} at the {effect.port}'
+    name = f'effect_{effect.id}_{effect.port}'
+    if isinstance(shape, Profile):
+        return Illustration(name, title,
+                            'Error of the free run for other delays, all else as fitted.',
+                            (View('', (_profile(effect.placed, shape, plant),)),))
+    port = effect.placed.port
+    _, x_label = _signal(port, shape.signal)
+    curves = [Curve('law, as it acts in the run', shape.x, shape.added, AFTER, 'dots')]
+    curves += [Curve(free.label, free.knots, free.added, colour, 'points', 2.0 * free.std_error)
+               for free, colour in zip(shape.curves, (FOUND, BEFORE), strict=False)]
+    caption = (
+        f'What is added to the {port.meaning}, over the signal on which that depends most '
+        f'plainly. The free curve knows no law: it is fitted to what the model would leave '
+        f'without this effect, all else as fitted; bars are two standard errors. Where the law '
+        f'is right, its dots pass through the bars.')
+    if effect.placed.effect.implicit:
+        caption += ' Beside a jump, between two samples, they overshoot.'
+    if shape.reads > 2:
+        caption += ' This law reads more than one signal: its dots are spread by the others.'
+    return Illustration(name, title, caption, (View('', (Chart(
+        x_label, axis('added', port.unit), tuple(curves)),)),))
+
+
+def _profile(placed: Placed, profile: Profile, plant: Plant) -> Chart:
+    """Chart the error over the first parameter of an effect."""
+    parameter = placed.effect.parameters[0]
+    unit = placed.effect.unit(parameter, placed.port)
+    return Chart(axis(parameter.name, unit), axis('RMS error', plant.output.unit), (
+        Curve('free run', profile.values, profile.errors, BEFORE),
+        Curve('as fitted', np.array([placed.values[0]]), np.array([profile.error]), AFTER,
+              'points')))
+
+
+def _curve(placed: Placed, model: Model) -> Illustration:
+    """Show the curve that is in the model without a name, its last effect."""
     what, x_label = _signal(placed.port, placed.effect.reads[0])
-    spread = effect_estimates(found.fit)[-1]
+    spread = effect_estimates(model)[-1]
     low, high, *added = (entry['value'] for entry in spread.values())
     knots = np.linspace(low, high, len(added))
     error = np.array([entry['std_error'] or 0.0 for entry in spread.values()][2:])
@@ -161,24 +158,24 @@ def _dependence(found: Dependence) -> Illustration:
             Curve('free curve', found.knots, found.curve, FOUND),)),)),))
 
 
-def _spectra(trace: Trace, ran: Sequence[Run]) -> Illustration:
+def _spectra(result: TraceResult) -> Illustration:
     """Spectra of what the models leave, beside the noise floor."""
-    rate = 1.0 / trace.before.candidate.sample_time
+    rate = 1.0 / result.before.sample_time
     curves = []
-    for k, (name, colour) in enumerate(_names(trace)):
-        left = [(run.measured - (run.before, run.after)[k])[run.first:] for run in ran]
+    for k, (name, colour) in enumerate(_names(result)):
+        left = [(run.measured - (run.before, run.after)[k])[run.first:] for run in result.runs]
         frequency, density = spectrum(left, rate)
         curves.append(Curve(name, frequency[1:], density[1:], colour))
-    level = trace.floor / np.sqrt(rate / 2.0)
+    level = result.noise / np.sqrt(rate / 2.0)
     curves.append(Curve('noise, estimated', frequency[[1, -1]], np.full(2, level), QUIET, 'dash'))
     low, high = (float(f(curves[0].y)) for f in (np.nanmin, np.nanmax))
     curves += [Curve(f'line at {line.frequency:.4g} Hz', np.full(2, line.frequency),
-                     np.array([low, high]), FOUND, 'dash') for line in trace.lines]
+                     np.array([low, high]), FOUND, 'dash') for line in result.remainder.lines]
     return Illustration(
         'spectra', 'Spectrum of the residual',
         'Amplitude density of measured less predicted over all parts, free run. The noise floor '
         'is estimated from the upper third of the frequencies.',
-        (View('', (Chart('frequency [Hz]', f'amplitude [{trace.plant.output.unit}/√Hz]',
+        (View('', (Chart('frequency [Hz]', f'amplitude [{result.plant.output.unit}/√Hz]',
                          tuple(curves), log=True),)),))
 
 

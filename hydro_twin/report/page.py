@@ -2,32 +2,28 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-import math
 from typing import Any
 
 from jinja2 import Environment, PackageLoader, StrictUndefined
 
-from hydro_twin.fitting.free_run import Fit
+from hydro_twin.model import Estimate
 from hydro_twin.report.chart import AFTER, BEFORE, Illustration, plain
-from hydro_twin.residual.chain import NEAR
-from hydro_twin.residual.trace import Trace
-from hydro_twin.residual.verdict import CLOSE, Verdict
+from hydro_twin.result import CLOSE, NEAR, TraceResult
 
 NOT_KNOWN = '–'
 
 
-def page(trace: Trace, verdict: Verdict, summary: Mapping[str, Any],
-         provenance: Mapping[str, Any], illustrations: Sequence[Illustration]) -> str:
+def page(result: TraceResult, summary: Mapping[str, Any], provenance: Mapping[str, Any],
+         illustrations: Sequence[Illustration]) -> str:
     """Write the report as one self-contained page.
 
     Args:
-        trace: what was found.
-        verdict: what may be said of it.
+        result: what was found.
         summary: the report object.
         provenance: bags with their SHA-256, command, seed and version.
         illustrations: the figures.
     """
-    unit = trace.plant.output.unit
+    unit = result.plant.output.unit
     environment = Environment(loader=PackageLoader('hydro_twin', 'report'), autoescape=True,
                               undefined=StrictUndefined, trim_blocks=True, lstrip_blocks=True)
     environment.policies['json.dumps_kwargs'] = {'separators': (',', ':'), 'allow_nan': False}
@@ -37,13 +33,13 @@ def page(trace: Trace, verdict: Verdict, summary: Mapping[str, Any],
     series_parts = [part for part in ('train', 'test')
                     if all(part in row['before']['free_run'] for row in summary['series'])]
     return environment.get_template('trace_page.html').render(
-        plant=trace.plant, unit='' if unit == '1' else unit, named=bool(verdict.judged),
-        changed=trace.changed,
-        summary={**summary, 'effects': _effects(trace, verdict, summary)},
-        parameters=parameter_rows(trace.before, trace.final, summary['parameters']),
+        plant=result.plant, unit='' if unit == '1' else unit, named=bool(result.effects),
+        changed=result.changed,
+        summary={**summary, 'effects': _effects(result, summary)},
+        parameters=parameter_rows(result, summary['parameters']),
         provenance=provenance, illustrations=illustrations, series_parts=series_parts,
         found_figure=next((i.name for i in illustrations if i.name.startswith('found_')), ''),
-        parts=f'parts fitted: {len(trace.train)}, held out to test: {len(trace.test)}',
+        parts='parts fitted: {}, held out to test: {}'.format(*result.parts),
         colours={'before': BEFORE, 'after': AFTER}, close=CLOSE, far=NEAR,
         data={item.name: plain(item) for item in illustrations})
 
@@ -68,32 +64,33 @@ def shift(share: float | None) -> str:
     return NOT_KNOWN if share is None else f'{100.0 * share:+.3g} %'
 
 
-def _effects(trace: Trace, verdict: Verdict, summary: Mapping[str, Any]) -> list[dict[str, Any]]:
+def _effects(result: TraceResult, summary: Mapping[str, Any]) -> list[dict[str, Any]]:
     """Add to each effect of the report what the page says beside."""
     rows = []
-    for judged, effect in zip(verdict.judged, summary['effects'], strict=True):
-        law = trace.final.candidate.effects[judged.finding.index].effect
+    for named, effect in zip(result.effects, summary['effects'], strict=True):
+        law = named.placed.effect
         rows.append({**effect, 'title': law.title,
                      'meanings': {p.name: p.meaning for p in law.parameters},
-                     'figure': f'effect_{judged.id}_{judged.port}'})
+                     'figure': f'effect_{named.id}_{named.port}'})
     return rows
 
 
-def parameter_rows(before: Fit, after: Fit, parameters: Mapping[str, Any]) -> list[dict[str, Any]]:
+def parameter_rows(result: TraceResult, parameters: Mapping[str, Any]) -> list[dict[str, Any]]:
     """Lay out the parameters before and after, then the combinations that act only together."""
-    plant = before.candidate.plant
+    plant = result.plant
     known = {p.name: (parameters['before'][p.name], parameters['after'][p.name])
              for p in plant.parameters}
     together = {name for combination in plant.combinations for name in combination}
     rows = [_row(p.name, p.meaning, p.unit, *known[p.name]) for p in plant.parameters]
     rows = [{**row, 'shift': None} if row['name'] in together else row for row in rows]
-    for combination in plant.combinations:
+    for combination, before, after in zip(plant.combinations, result.combinations['before'],
+                                          result.combinations['after'], strict=True):
         units = {name: known[name][0]['unit'] for name in combination}
         rows.append(_row(
             _product({name: (name, power) for name, power in combination.items()}),
             'known only together',
             _product({name: (units[name], power) for name, power in combination.items()}),
-            _together(before, combination), _together(after, combination)))
+            _plain(before), _plain(after)))
     return rows
 
 
@@ -104,11 +101,8 @@ def _row(name: str, meaning: str, unit: str, before: Mapping[str, Any], after: M
             'shift': moved / after['value'], 'over_error': moved / error if error else None}
 
 
-def _together(fit: Fit, combination: Mapping[str, int]) -> dict[str, float | None]:
-    """Give a product of powers; its first parameter was searched for all of them."""
-    value = math.prod(fit.candidate.values[name] ** power for name, power in combination.items())
-    relative = fit.identifiability().std_error.get(next(iter(combination)))
-    return {'value': value, 'std_error': None if relative is None else relative * value}
+def _plain(estimate: Estimate) -> dict[str, float | None]:
+    return {'value': estimate.value, 'std_error': estimate.std_error}
 
 
 def _product(factors: Mapping[str, tuple[str, int]]) -> str:

@@ -9,23 +9,24 @@ import numpy as np
 
 from hydro_twin.files import written_whole
 from hydro_twin.plants.plant import FloatArray, Plant
-from hydro_twin.predictors.scores import pooled, rms
 from hydro_twin.recording.series import Recording
 
 SHOWN = 1000                                              # samples, of the first series
 COLOURS = ('#d95f02', '#1b9e77', '#7570b3', '#e7298a')    # told apart by the colour-blind too
 
 
-def draw(recording: Recording, plant: Plant, runs: Mapping[str, Sequence[FloatArray]]) -> Figure:
+def draw(recording: Recording, plant: Plant, runs: Mapping[str, Sequence[FloatArray]],
+         errors: Mapping[str, float]) -> Figure:
     """Draw how a recording begins: above the output, below the errors.
 
     Args:
         recording: what was measured.
         plant: what was recorded.
         runs: name of a model -> its free run over every series, in the output's unit.
+        errors: name of a model -> RMS of its free-run error over the whole recording.
 
     Returns:
-        The figure; its legend has the free-run errors over the whole recording.
+        The figure; its legend has the errors.
     """
     output = plant.output
     measured = recording.series[0][output.name][:SHOWN]
@@ -35,10 +36,9 @@ def draw(recording: Recording, plant: Plant, runs: Mapping[str, Sequence[FloatAr
     above.plot(time, measured, color='black', linewidth=2.5, label='measured')
     for k, (name, run) in enumerate(runs.items()):
         predicted, colour = run[0][:SHOWN], COLOURS[k % len(COLOURS)]
-        error, _ = pooled(recording, plant, run, 'free_run')
         above.plot(time, predicted, color=colour, linewidth=1.2, label=f'{name}, free run')
         below.plot(time, measured - predicted, color=colour, linewidth=1,
-                   label=f'{name}: {rms(error):.3g} {output.unit} RMS')
+                   label=f'{name}: {errors[name]:.3g} {output.unit} RMS')
     above.set_ylabel(f'{output.meaning} [{output.unit}]')
     below.set(xlabel='time [s]', ylabel=f'measured - predicted [{output.unit}]')
     for axes in (above, below):

@@ -1,8 +1,8 @@
-"""Writes what a trace gives into a folder: the report, the page, its figures, series, models."""
+"""Writes the result of a trace into a folder: report, page, figures, series and models."""
 from __future__ import annotations
 
-from collections.abc import Sequence
 import csv
+from dataclasses import replace
 import json
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -13,16 +13,15 @@ import numpy as np
 from hydro_twin.errors import UserError
 from hydro_twin.model import write_model
 from hydro_twin.report.drawing import write_png
-from hydro_twin.report.figures import illustrations, Run, runs
+from hydro_twin.report.figures import illustrations
 from hydro_twin.report.page import page
-from hydro_twin.report.summary import model_of, summarise
-from hydro_twin.residual.trace import Trace
-from hydro_twin.residual.verdict import judge
+from hydro_twin.report.summary import summarise
+from hydro_twin.result import TraceResult
 
 FIGURES = 'figures'
 
 
-def write_files(trace: Trace, folder: Path, provenance: dict[str, Any]) -> dict[str, Any]:
+def write_files(result: TraceResult, folder: Path, provenance: dict[str, Any]) -> dict[str, Any]:
     """Write all files of a trace; none is replaced before all are made.
 
     These are report.json, report.html, model.yaml, series.csv, figures/*.png and, where something
@@ -34,11 +33,9 @@ def write_files(trace: Trace, folder: Path, provenance: dict[str, Any]) -> dict[
     Raises:
         UserError: the folder cannot be written.
     """
-    verdict = judge(trace)
-    summary = summarise(trace, verdict)
-    ran = runs(trace)
-    drawn = illustrations(trace, verdict, ran)
-    html = page(trace, verdict, summary, provenance, drawn)
+    summary = summarise(result)
+    drawn = illustrations(result)
+    html = page(result, summary, provenance, drawn)
     try:
         folder.mkdir(parents=True, exist_ok=True)
         with TemporaryDirectory(dir=folder, prefix='.') as beside:
@@ -47,12 +44,12 @@ def write_files(trace: Trace, folder: Path, provenance: dict[str, Any]) -> dict[
             (new / 'report.json').write_text(json.dumps(summary, indent=2, allow_nan=False),
                                              encoding='utf-8')
             (new / 'report.html').write_text(html, encoding='utf-8')
-            write_series(trace, ran, new / 'series.csv')
+            write_series(result, new / 'series.csv')
             for illustration in drawn:
                 write_png(illustration, new / FIGURES / f'{illustration.name}.png')
-            write_model(model_of(trace, trace.final, provenance), new / 'model.yaml')
-            if trace.changed:
-                write_model(model_of(trace, trace.before, provenance), new / 'before.yaml')
+            write_model(replace(result.after, provenance=provenance), new / 'model.yaml')
+            if result.changed:
+                write_model(replace(result.before, provenance=provenance), new / 'before.yaml')
             else:
                 (folder / 'before.yaml').unlink(missing_ok=True)
             if (folder / FIGURES).exists():         # those of another trace must not stay
@@ -64,16 +61,16 @@ def write_files(trace: Trace, folder: Path, provenance: dict[str, Any]) -> dict[
     return summary
 
 
-def write_series(trace: Trace, ran: Sequence[Run], path: Path) -> None:
+def write_series(result: TraceResult, path: Path) -> None:
     """Write every sample of every part as a row of a CSV table."""
-    sample_time, plant = trace.before.candidate.sample_time, trace.plant
+    sample_time, signals = result.before.sample_time, result.plant.signals
     with path.open('w', encoding='utf-8', newline='') as stream:
         writer = csv.writer(stream)
-        writer.writerow(['part', 'bag', 'time', *(signal.name for signal in plant.signals),
+        writer.writerow(['part', 'bag', 'time', *(signal.name for signal in signals),
                          'before', 'after'])
-        for run in ran:
+        for run in result.runs:
             time = sample_time * np.arange(len(run.measured))
-            signals = [run.series[signal.name] for signal in plant.signals]
-            columns = np.column_stack([time, *signals, run.before, run.after])
+            columns = np.column_stack([time, *(run.series[signal.name] for signal in signals),
+                                       run.before, run.after])
             writer.writerows([run.label, run.series.source,
                               *(f'{value:.9g}' for value in row.tolist())] for row in columns)

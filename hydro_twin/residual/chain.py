@@ -25,6 +25,7 @@ from hydro_twin.residual.select import (
     stretches,
 )
 from hydro_twin.residual.structure import drift, drifts, foretold
+from hydro_twin.result import NEAR
 
 MOST = 3                # effects in a model
 LEVEL = 1e-3            # of a test, corrected for all that was tried
@@ -37,9 +38,8 @@ LATER, AGAIN = 8, 4     # effects fitted in full after the first round, and for 
 ENOUGH = 0.5            # least share above the noise that each takes off, where something is left
 TOLD = 0.05             # p-value from which what is left follows what happens at the ports
 SURELY = 1e-4           # and from which it surely does
-NEAR = 100.0            # distance of the criterion within which a rival is near
 NOISY = 2.0             # error over the noise's, from which more than noise is left
-STRANGER = 1.2          # error on data not fitted, over that on data fitted, that is not chance
+HELD_OUT = 1.2          # error on data not fitted, over that on data fitted, that is not chance
 TRIED = 40              # starts tried in a round, for the correction
 
 
@@ -74,13 +74,13 @@ class Ground:
 
     Attributes:
         parts: what is fitted.
-        unseen: what is not.
+        held_out: what is not.
         contended: the contenders that had their turn on top of a fit.
         fits: the best fit with each set of effects.
     """
 
     parts: Sequence[Part]
-    unseen: Sequence[Part]
+    held_out: Sequence[Part]
     seed: int
     progress: Callable[[str], None]
     contended: dict[tuple[frozenset[str], int, int], list[Contender]] = field(
@@ -227,10 +227,10 @@ def _proven(chain: Chain, alone: Fit, ground: Ground) -> Chain:
     bare = ground.without(chain, chain.findings)
     if len(bare) == 1:
         bare = [min(bare[0], alone, key=lambda fit: fit.cost)]
-    after = residuals(chain.fit, ground.unseen)
+    after = residuals(chain.fit, ground.held_out)
     fails = {}
     for k, fit in enumerate(bare):
-        before = residuals(fit, ground.unseen)
+        before = residuals(fit, ground.held_out)
         helps = improvement(before, after, ground.seed).low
         if not helps > 0.0:
             fails[k] = helps
@@ -268,11 +268,11 @@ def _leaves_something(chain: Chain, ground: Ground) -> bool:
     noise is, too, but they may be its doing.
     """
     fit = chain.fit
-    unseen = rms(np.concatenate(residuals(fit, ground.unseen)))
+    held_out = rms(np.concatenate(residuals(fit, ground.held_out)))
     doubtful = len(chain.findings) > 1 or any(
         _nearest(f, fit.candidate.effects[f.index].effect.id) < NEAR for f in chain.findings)
     return (foretold(fit, ground.parts)[1] < TOLD or drifts(drift(fit))
-            or not unseen <= STRANGER * fit.error
+            or not held_out <= HELD_OUT * fit.error
             or (doubtful and fit.error > NOISY * noise_floor(stretches(fit))))
 
 

@@ -13,10 +13,11 @@ from hydro_twin.fitting.free_run import Fit
 from hydro_twin.plants import Port
 from hydro_twin.predictors.system import signal_row
 from hydro_twin.residual.passing import passing
-from hydro_twin.residual.proof import Improvement, proof
+from hydro_twin.residual.proof import proof
 from hydro_twin.residual.screen import spans
 from hydro_twin.residual.select import CLEARLY, criterion, far, gain_p_value, search_all
-from hydro_twin.residual.structure import Dependence, foretold
+from hydro_twin.residual.structure import foretold, shows
+from hydro_twin.result import Dependence, Improvement
 
 MOST, KEPT = 8, 3       # curves that are fitted, and of these searched to the end
 ALIKE = 1e-4            # of the shares of two that are the same but for a factor
@@ -51,7 +52,7 @@ class Found:
         return self.fit.candidate.effects[-1]
 
 
-def find_curve(fit: Fit, parts: Sequence[Part], unseen: Sequence[Part],
+def find_curve(fit: Fit, parts: Sequence[Part], held_out: Sequence[Part],
                curves: Sequence[Dependence], seed: int) -> Found | None:
     """Fit a curve at each port over each signal where something shows; the best, if it helps.
 
@@ -60,14 +61,14 @@ def find_curve(fit: Fit, parts: Sequence[Part], unseen: Sequence[Part],
     Args:
         fit: the model that leaves something.
         parts: what it was fitted to.
-        unseen: what it was not.
+        held_out: what it was not.
         curves: what each explains of its residual by the linear laws, the most first.
         seed: of the bootstrap.
 
     Returns:
         None where no curve makes the free run better on data that was not fitted.
     """
-    if not curves or (not any(curve.shows for curve in curves)
+    if not curves or (not any(map(shows, curves))
                       and foretold(fit, parts)[1] > TOLD):
         return None
     places = distinct(curves)[:MOST]
@@ -81,7 +82,7 @@ def find_curve(fit: Fit, parts: Sequence[Part], unseen: Sequence[Part],
     scores = criterion(fits)
     first, *rest = sorted(range(len(fits)), key=lambda k: scores[k])
     p_value = gain_p_value(fit, fits[first], len(curves))
-    helps = proof(fit, fits[first], unseen, seed)
+    helps = proof(fit, fits[first], held_out, seed)
     if p_value > LEVEL or not helps.low > 0.0:
         return None
     others = [(fits[k].candidate.effects[-1], scores[k] - scores[first]) for k in rest]
@@ -89,7 +90,7 @@ def find_curve(fit: Fit, parts: Sequence[Part], unseen: Sequence[Part],
 
 
 def is_better(found: Found, base: Fit, named: Fit, curves: Sequence[Dependence],
-              unseen: Sequence[Part], seed: int) -> bool:
+              held_out: Sequence[Part], seed: int) -> bool:
     """Whether one curve does clearly better than all effects that were named instead of it.
 
     On what was fitted, and not clearly worse on what was not. Not where one of these is a law of
@@ -102,7 +103,7 @@ def is_better(found: Found, base: Fit, named: Fit, curves: Sequence[Dependence],
         base: the model before.
         named: the model with effects.
         curves: what each explains of the residual of the model before.
-        unseen: what was not fitted.
+        held_out: what was not fitted.
         seed: of the bootstrap.
     """
     here = [found.placed, *(other for other, distance in found.others if distance < CLEARLY)]
@@ -110,10 +111,10 @@ def is_better(found: Found, base: Fit, named: Fit, curves: Sequence[Dependence],
     explained = base.error**2 - named.error**2
     drawn = (any(is_drawn((one.port, one.effect.reads[0]), named, curves) for one in here)
              and explained > DRAWN * (base.error**2 - found.fit.error**2))
-    if drawn or (biased and is_mostly_constant(found.fit, unseen)):
+    if drawn or (biased and is_mostly_constant(found.fit, held_out)):
         return False
     with_curve, with_names = criterion([found.fit, named])
-    return with_curve < with_names - CLEARLY and proof(named, found.fit, unseen, seed).high > 0.0
+    return with_curve < with_names - CLEARLY and proof(named, found.fit, held_out, seed).high > 0.0
 
 
 def is_drawn(place: tuple[Port, str], named: Fit, curves: Sequence[Dependence]) -> bool:

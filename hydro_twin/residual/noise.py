@@ -9,6 +9,7 @@ from scipy import linalg, signal, stats
 
 from hydro_twin.plants.plant import FloatArray
 from hydro_twin.predictors.scores import rms
+from hydro_twin.result import Line
 
 SPELL = 50              # samples of which the power is taken together, to see when it is large
 BURST = 4.0             # power of such, over what three in four stay below, that is loud
@@ -58,14 +59,6 @@ def whiten(stretches: Sequence[FloatArray], filter_: FloatArray) -> FloatArray:
     """Filter every stretch and join them, without the samples that lack a past."""
     cut = len(filter_) - 1
     return np.concatenate([signal.lfilter(filter_, [1.0], r)[cut:] for r in stretches])
-
-
-@dataclass(frozen=True)
-class Line:
-    """A spectral line: frequency [Hz], amplitude in the unit of the residual."""
-
-    frequency: float
-    amplitude: float
 
 
 def lines(stretches: Sequence[FloatArray], sample_time: float, most: int = 5) -> list[Line]:

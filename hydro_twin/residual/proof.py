@@ -2,7 +2,6 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 
 import numpy as np
 
@@ -10,23 +9,10 @@ from hydro_twin.fitting.candidate import Part
 from hydro_twin.fitting.free_run import Fit
 from hydro_twin.plants.plant import FloatArray
 from hydro_twin.predictors.kernel import LIMIT
+from hydro_twin.result import Improvement
 
 BLOCK = 50              # samples, longer than the memory of the plants' errors
 DRAWS = 2000
-
-
-@dataclass(frozen=True)
-class Improvement:
-    """How much smaller the mean square error became.
-
-    Attributes:
-        relative: 1 - after / before.
-        low, high: its interval at 98 %.
-    """
-
-    relative: float
-    low: float
-    high: float
 
 
 def improvement(before: Sequence[FloatArray], after: Sequence[FloatArray], seed: int
@@ -55,15 +41,15 @@ def _bounded(error: FloatArray) -> FloatArray:
     return bounded
 
 
-def residuals(fit: Fit, unseen: Sequence[Part]) -> list[FloatArray]:
+def residuals(fit: Fit, held_out: Sequence[Part]) -> list[FloatArray]:
     """Return what is missed of parts that were not fitted, but for what their starts missed.
 
     Where a plant integrates, the error of a start that 50 samples show may be most of what is
     missed later. It says nothing of the laws.
     """
-    return fit.candidate.fitted_residuals(unseen)
+    return fit.candidate.fitted_residuals(held_out)
 
 
-def proof(before: Fit, after: Fit, unseen: Sequence[Part], seed: int) -> Improvement:
+def proof(before: Fit, after: Fit, held_out: Sequence[Part], seed: int) -> Improvement:
     """Compare what the laws of two fits leave on parts that neither was fitted to."""
-    return improvement(residuals(before, unseen), residuals(after, unseen), seed)
+    return improvement(residuals(before, held_out), residuals(after, held_out), seed)

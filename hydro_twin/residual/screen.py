@@ -19,6 +19,7 @@ from hydro_twin.fitting.free_run import Fit
 from hydro_twin.fitting.parallel import in_processes
 from hydro_twin.plants import Plant, Port
 from hydro_twin.plants.plant import FloatArray
+from hydro_twin.result import Hidden
 
 VISIBLE = 50.0          # power of an effect over the noise's, times the samples, that is seen
 
@@ -129,15 +130,6 @@ def _promise(prospect: Prospect) -> float:
     if prospect.gain <= 0.0:
         return 0.0
     return prospect.share / (1.0 + 0.05 * math.log(prospect.gain) ** 2)
-
-
-@dataclass(frozen=True)
-class Hidden:
-    """An effect that a recording could not have shown, and what would."""
-
-    id: str
-    port: str
-    says: str
 
 
 def hidden(fit: Fit, parts: Sequence[Part]) -> list[Hidden]:

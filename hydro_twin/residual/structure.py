@@ -7,7 +7,6 @@ of the residual, beyond re-tuning, is a dependence that the model lacks, whateve
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 from itertools import pairwise
 
 import numpy as np
@@ -16,10 +15,10 @@ from scipy import signal, stats
 from hydro_twin.effects.curve import KNOTS
 from hydro_twin.fitting.candidate import Candidate, Part
 from hydro_twin.fitting.free_run import Fit, label
-from hydro_twin.plants import Port
 from hydro_twin.plants.difference_equation import DifferenceEquation, from_state_space
 from hydro_twin.plants.plant import FloatArray
 from hydro_twin.predictors.system import discretise
+from hydro_twin.result import Dependence
 
 BLOCK = 100             # samples, longer than the memory of noise
 FOLDS = 5
@@ -29,30 +28,6 @@ LEVEL = 0.01            # of the test, for all dependences together
 WORTH = 0.01            # least share worth telling
 UNBOUNDED = 1e100       # of a column, whose squares would overflow
 DRIFTS = 0.05           # least share of a drift worth telling
-
-
-@dataclass(frozen=True)
-class Dependence:
-    """What a free curve at one port over one signal explains of a residual.
-
-    Attributes:
-        signal: 'value' of the port, or a signal there.
-        share: of the residual's power, foretold across blocks of the parts that were fitted.
-        p_value: of the share under noise, for all dependences tried.
-        knots, curve: the signal and what is added to the value of the port there.
-    """
-
-    port: Port
-    signal: str
-    share: float
-    p_value: float
-    knots: FloatArray
-    curve: FloatArray
-
-    @property
-    def shows(self) -> bool:
-        """Whether noise would hardly explain as much."""
-        return self.p_value <= LEVEL and self.share >= WORTH
 
 
 def to_output(candidate: Candidate) -> DifferenceEquation:
@@ -78,7 +53,12 @@ def dependences(fit: Fit, parts: Sequence[Part]) -> list[Dependence]:
     Only dependences are returned that foretell blocks of the residual that they were not fitted
     to, more than noise would.
     """
-    return [curve for curve in free_curves(fit, parts) if curve.shows]
+    return [curve for curve in free_curves(fit, parts) if shows(curve)]
+
+
+def shows(curve: Dependence) -> bool:
+    """Whether noise would hardly explain as much."""
+    return curve.p_value <= LEVEL and curve.share >= WORTH
 
 
 def free_curves(fit: Fit, parts: Sequence[Part]) -> list[Dependence]:

@@ -2,8 +2,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, replace
-from functools import cached_property
+from dataclasses import replace
 
 import numpy as np
 
@@ -13,18 +12,16 @@ from hydro_twin.fitting.whiteness import is_white
 from hydro_twin.model import Model
 from hydro_twin.plants import Plant
 from hydro_twin.predictors.analytical import Analytical
-from hydro_twin.predictors.scores import Errors, errors_by_series, errors_of, rms
+from hydro_twin.predictors.scores import errors_by_series, rms
 from hydro_twin.recording.series import Recording, split
 from hydro_twin.residual.chain import (
     Chain,
     ENOUGH,
-    Finding,
     finely,
     FINEST,
     Ground,
     grow,
     other_findings,
-    STRANGER,
     supported,
     without_last,
 )
@@ -36,109 +33,25 @@ from hydro_twin.residual.curve import (
     is_drawn,
     is_mostly_constant,
 )
+from hydro_twin.residual.evaluate import result_of
+from hydro_twin.residual.evidence import Evidence
 from hydro_twin.residual.excerpt import excerpt, harmless_factor, resampled, thin
 from hydro_twin.residual.limits import without_unreached
-from hydro_twin.residual.noise import Burst, bursts, Line, lines, noise_floor
-from hydro_twin.residual.proof import Improvement, improvement, proof, residuals
-from hydro_twin.residual.screen import Hidden, hidden
+from hydro_twin.residual.noise import bursts, lines, noise_floor
+from hydro_twin.residual.proof import improvement, proof, residuals
+from hydro_twin.residual.screen import hidden
 from hydro_twin.residual.select import CLEARLY, contend, criterion, search, stretches
-from hydro_twin.residual.structure import Dependence, dependences, drift, foretold, free_curves
+from hydro_twin.residual.structure import dependences, drift, foretold, free_curves, shows
+from hydro_twin.result import Dependence, Improvement, SIXTH, THIRD, TraceResult
 
 AT_LAST = 60_000        # samples of a recording that was thinned, fitted whole in the end
 EVERY = 1000            # effects fitted in full in the first round
-LOUD = 6.0              # error over that of the noise, beyond which it cannot all be noise
 LIKELY = 0.05           # p-value from which something may be left that names do not explain
-THIRD, SIXTH = 3, 6     # the first third of every series is the test part; or the second sixth
-
-
-@dataclass(frozen=True)
-class Trace:
-    """What tracing found.
-
-    Attributes:
-        before, after: the fit at the start and at the end, on the training parts.
-        train, test: the parts, in the order of the series.
-        recordings: what these parts are of, by 'train' and 'test'; what is reported is scored on
-            them.
-        fitted: what of the training parts was fitted: all, or stretches of a long recording.
-        hidden: effects that the recording could not have shown, if the model fits.
-        proof: the improvement of the free run as reported, on the test part, by what was named
-            and by the curve.
-        unseen: RMS of the residual of `after` on the like of the test parts, but for their starts.
-        floor: estimated RMS of the noise.
-        bursts: when much of what is left comes, if seldom; in `train`, then in `test`.
-        depends_on: what the residual of `after` still depends on.
-        drifts: (share, p-value) of a drift of the parameters in what is left.
-        foretold: (share, p-value) of what is left that the signals at the ports foretell.
-        found: a curve without a name, on top of `after`.
-        tested: the test part is the first third (3) of every series, or the second sixth (6); or
-            neither (0).
-    """
-
-    plant: Plant
-    before: Fit
-    after: Fit
-    train: Sequence[Part]
-    test: Sequence[Part]
-    recordings: Mapping[str, Recording]
-    fitted: Sequence[Part]
-    hidden: tuple[Hidden, ...]
-    findings: tuple[Finding, ...]
-    proof: Improvement
-    unseen: float
-    floor: float
-    white: bool
-    lines: tuple[Line, ...]
-    bursts: tuple[Burst, ...]
-    depends_on: tuple[Dependence, ...]
-    drifts: tuple[float, float]
-    foretold: tuple[float, float]
-    found: Found | None = None
-    tested: int = 0
-
-    @property
-    def final(self) -> Fit:
-        """The model with all that was found, named or not."""
-        return self.after if self.found is None else self.found.fit
-
-    @cached_property
-    def errors(self) -> dict[str, Errors]:
-        """The errors that are reported, 'before' and 'after'."""
-        return {name: errors_of(Analytical(fit.candidate.model()), self.recordings)
-                for name, fit in (('before', self.before), ('after', self.final))}
-
-    @property
-    def additions(self) -> int:
-        """How much was added to the model, named or not."""
-        return len(self.findings) + (self.found is not None)
-
-    @property
-    def changed(self) -> bool:
-        """Whether anything was added to the model."""
-        return self.additions > 0
-
-    @property
-    def fails(self) -> bool:
-        """Whether the model does not fit, and nothing was found that would help.
-
-        Then what an effect would have shown beside it says nothing of the recording.
-        """
-        return not self.changed and self.is_loud
-
-    @property
-    def is_loud(self) -> bool:
-        """Whether more is left than noise that is even remotely white."""
-        return self.after.error > LOUD * self.floor
-
-    @property
-    def is_stranger(self) -> bool:
-        """Whether the model fails on data that was not fitted, in which more must happen."""
-        return not self.unseen <= STRANGER * self.after.error
 
 
 def trace(recording: Recording, test: Recording | None, plant: Plant,
           constants: Mapping[str, float] | None = None, model: Model | None = None,
-          seed: int = 0, progress: Callable[[str], None] = lambda _: None) -> Trace:
+          seed: int = 0, progress: Callable[[str], None] = lambda _: None) -> TraceResult:
     """Find what a plant's linear model lacks of a recording.
 
     Args:
@@ -155,24 +68,33 @@ def trace(recording: Recording, test: Recording | None, plant: Plant,
     Raises:
         DataError: a recording is too short, constant or not finite.
     """
+    found = evidence(recording, test, plant, constants, model, seed, progress)
+    progress('result')
+    return result_of(found)
+
+
+def evidence(recording: Recording, test: Recording | None, plant: Plant,
+             constants: Mapping[str, float] | None = None, model: Model | None = None,
+             seed: int = 0, progress: Callable[[str], None] = lambda _: None) -> Evidence:
+    """Search for it, see `trace`, and return the fits and tests that a result is made of."""
     if test is not None:
-        return _trace(recording, test, plant, constants, model, seed, progress)
-    found = _trace(*split(recording), plant, constants, model, seed, progress)
+        return _search(recording, test, plant, constants, model, seed, progress)
+    found = _search(*split(recording), plant, constants, model, seed, progress)
     found = replace(found, tested=THIRD)
     too_short = all(len(series) < SIXTH * least_samples(plant, series.sample_time)
                     for series in recording.series)
-    if too_short or not found.is_stranger:
+    if too_short or not found.is_larger_held_out:
         return found
-    again = _trace(*split(recording, SIXTH, 1), plant, constants, model, seed, progress,
-                   found.after.candidate)
+    again = _search(*split(recording, SIXTH, 1), plant, constants, model, seed, progress,
+                    found.after.candidate)
     return replace(again, tested=SIXTH) if again.additions >= found.additions else found
 
 
-def _trace(train: Recording, test: Recording, plant: Plant,
-           constants: Mapping[str, float] | None, model: Model | None, seed: int,
-           progress: Callable[[str], None], known: Candidate | None = None) -> Trace:
-    """Do so once; `known` is a model that was found of the like."""
-    whole, unseen = parts_of(train, plant), parts_of(test, plant)
+def _search(train: Recording, test: Recording, plant: Plant,
+            constants: Mapping[str, float] | None, model: Model | None, seed: int,
+            progress: Callable[[str], None], known: Candidate | None = None) -> Evidence:
+    """Search with one test part; `known` is the model that a search with another one found."""
+    whole, held_out = parts_of(train, plant), parts_of(test, plant)
     sample_time = train.series[0].sample_time
     fine = excerpt(whole, plant, sample_time)
     recorded = sum(len(part.measured) for part in whole)
@@ -184,14 +106,15 @@ def _trace(train: Recording, test: Recording, plant: Plant,
                            seed=seed).candidate
         before = _linear(plain, fine, seed)
     else:
-        before = search(resampled(candidate_of(model), sample_time), fine, 1)
+        before = search(resampled(Candidate.of(model), sample_time), fine, 1)
     factor = harmless_factor(before, fine, recorded)
-    while not all(excerpt(parts, plant, sample_time, factor) for parts in (whole, unseen)):
+    while not all(excerpt(parts, plant, sample_time, factor) for parts in (whole, held_out)):
         factor //= 2        # what is thinned must be long enough, at factor 1 all of it is
-    fine, elsewhere = (excerpt(parts, plant, sample_time, factor) for parts in (whole, unseen))
-    parts, others = thin(fine, plant, factor), thin(elsewhere, plant, factor)
+    fine, fine_held_out = (excerpt(parts, plant, sample_time, factor)
+                           for parts in (whole, held_out))
+    parts, others = thin(fine, plant, factor), thin(fine_held_out, plant, factor)
     if factor > 1 and recorded <= AT_LAST:
-        fine, elsewhere = whole, unseen
+        fine, fine_held_out = whole, held_out
     base = before
     if factor > 1 or model is not None:
         base = search(resampled(before.candidate, factor * sample_time), parts, 40)
@@ -224,14 +147,14 @@ def _trace(train: Recording, test: Recording, plant: Plant,
         if plain:
             base = min(base, search(plain, fine, 20), key=lambda fit: fit.cost)
         after = _as_recorded(after, sample_time, fine) if named else base
-        found = found and _on_all(found, after, sample_time, fine, unseen, seed)
+        found = found and _on_all(found, after, sample_time, fine, held_out, seed)
     if model is None:
         before = base
     elif factor > 1:
         before = search(before.candidate, fine, 1)
     after = without_unreached(after, fine)
     found = found and replace(found, fit=without_unreached(found.fit, fine))
-    # What is reported must help for sure, by the figure that is reported.
+    # What is named must improve the reported figure, too.
     gain = _gain(before, after if found is None else found.fit, test, seed)
     if found and not gain.low > 0.0:
         found, gain = None, _gain(before, after, test, seed)
@@ -239,14 +162,14 @@ def _trace(train: Recording, test: Recording, plant: Plant,
         chain, after = Chain(base), base
         gain = _gain(before, base, test, seed)
     pieces = stretches(after)
-    traced = Trace(
-        plant=plant, before=before, after=after, train=whole, test=unseen,
+    traced = Evidence(
+        plant=plant, before=before, after=after, train=whole, test=held_out,
         recordings={'train': train, 'test': test}, fitted=fine, hidden=(),
         findings=chain.findings,
-        proof=gain, unseen=rms(np.concatenate(residuals(after, elsewhere))),
+        improvement=gain, held_out_error=rms(np.concatenate(residuals(after, fine_held_out))),
         floor=noise_floor(pieces), white=is_white(pieces),
         lines=tuple(lines(pieces, sample_time)),
-        bursts=tuple(bursts(residuals(after, [*whole, *unseen]))),
+        bursts=tuple(bursts(residuals(after, [*whole, *held_out]))),
         depends_on=tuple(dependences(after, fine)), drifts=drift(after),
         foretold=foretold(after, fine), found=found)
     return traced if traced.fails else replace(traced, hidden=tuple(hidden(after, fine)))
@@ -268,7 +191,7 @@ def _linear(plain: Candidate, parts: Sequence[Part], seed: int) -> Fit:
 
 
 def _gain(before: Fit, after: Fit, test: Recording, seed: int) -> Improvement:
-    """Compare the free runs that are reported, on data that was not fitted."""
+    """Compare the free runs that are reported, on held-out data."""
     first, then = (errors_by_series(Analytical(fit.candidate.model()), test.series, 'free_run')
                    for fit in (before, after))
     return improvement(first, then, seed)
@@ -287,14 +210,14 @@ def _with_curve(chain: Chain, base: Fit, ground: Ground) -> tuple[Chain, Found |
     Returns:
         The chain, or one without its effects, and the curve on top of it, if one helps.
     """
-    parts, unseen, seed = ground.parts, ground.unseen, ground.seed
+    parts, held_out, seed = ground.parts, ground.held_out, ground.seed
     curves = free_curves(chain.fit, parts)
     at_first = curves if chain.fit is base else free_curves(base, parts)
     if chain.findings and _contested(chain, parts, curves, at_first):
-        alone = find_curve(base, parts, unseen, at_first, seed)
-        if alone and is_better(alone, base, chain.fit, at_first, unseen, seed):
+        alone = find_curve(base, parts, held_out, at_first, seed)
+        if alone and is_better(alone, base, chain.fit, at_first, held_out, seed):
             return Chain(base), alone
-    found = find_curve(chain.fit, parts, unseen, curves, seed)
+    found = find_curve(chain.fit, parts, held_out, curves, seed)
     return _still_needed(chain, found, ground) if found else (chain, None)
 
 
@@ -306,7 +229,7 @@ def _contested(chain: Chain, parts: Sequence[Part], curves: Sequence[Dependence]
     two places; or one curve, elsewhere, explains most of what there was at first.
     """
     ids = [chain.fit.candidate.effects[found.index].effect.id for found in chain.findings]
-    if (any(curve.shows for curve in curves) or len(set(ids)) < len(ids)
+    if (any(shows(curve) for curve in curves) or len(set(ids)) < len(ids)
             or not is_white(stretches(chain.fit)) or foretold(chain.fit, parts)[1] < LIKELY):
         return True
     return any(curve.share > ENOUGH and not is_drawn((curve.port, curve.signal), chain.fit,
@@ -324,17 +247,17 @@ def _still_needed(chain: Chain, found: Found, ground: Ground) -> tuple[Chain, Fo
         biased = is_bias(chain.fit.candidate.effects[finding.index])
         if bare < with_it + CLEARLY and not (biased and is_mostly_constant(fit, ground.parts)):
             after = ground.without(chain, [finding])[0]
-            helps = proof(after, fit, ground.unseen, ground.seed)
+            helps = proof(after, fit, ground.held_out, ground.seed)
             return _still_needed(Chain(after, other_findings(chain, k)),
                                  replace(found, fit=fit, proof=helps), ground)
     return chain, found
 
 
 def _on_all(found: Found, after: Fit, sample_time: float, parts: Sequence[Part],
-            unseen: Sequence[Part], seed: int) -> Found | None:
+            held_out: Sequence[Part], seed: int) -> Found | None:
     """Fit a curve to all samples; None if it does not help there, where nothing was fitted."""
     fit = _as_recorded(found.fit, sample_time, parts)
-    helps = proof(after, fit, unseen, seed)
+    helps = proof(after, fit, held_out, seed)
     return replace(found, fit=fit, proof=helps) if helps.low > 0.0 else None
 
 
@@ -342,9 +265,3 @@ def _as_recorded(fit: Fit, sample_time: float, parts: Sequence[Part]) -> Fit:
     """Fit what was found on thinned samples to all samples."""
     fine = search(resampled(fit.candidate, sample_time), parts, 20)
     return finely(fine, parts, FINEST) if fine.candidate.effects else fine
-
-
-def candidate_of(model: Model) -> Candidate:
-    """Take the values of a model."""
-    return Candidate(model.plant, model.values, model.sample_time, model.placed,
-                     dict(model.timing), model.substeps)

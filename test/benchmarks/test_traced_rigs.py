@@ -4,7 +4,7 @@ import pytest
 from benchmarks.tracing.cases import case_of
 from hydro_twin.plants.load_simulator import LOAD_SIMULATOR
 from hydro_twin.residual.structure import drifts
-from hydro_twin.residual.trace import trace
+from hydro_twin.residual.trace import evidence
 
 pytestmark = pytest.mark.slow
 
@@ -12,7 +12,7 @@ pytestmark = pytest.mark.slow
 def traced(seed, effect):
     case = case_of(seed)
     assert case.effects == (effect,)
-    return trace(case.rig().recording(), None, LOAD_SIMULATOR)
+    return evidence(case.rig().recording(), None, LOAD_SIMULATOR)
 
 
 def test_flow_that_saturates_softly_is_a_curve_and_no_orifice():

@@ -9,6 +9,7 @@ from rosbags.highlevel import AnyReader
 from hydro_twin.commands.main import main
 from hydro_twin.model import Estimate, FittedEffect, load_predictor, Model, place, write_model
 from hydro_twin.plants import PLANTS
+from hydro_twin.report import picture
 
 PLANT = PLANTS['load_simulator']
 MODEL = Model(PLANT, {p.name: Estimate(1.02 * (p.lower * p.upper) ** 0.5)
@@ -166,11 +167,19 @@ def test_a_model_of_another_plant_finds_no_topic(bag, tmp_path, capsys):
     assert '/load_simulator/joint_states' in err     # and says what there is
 
 
-def test_a_picture_of_two_models(bag, model, tmp_path, capsys):
+def test_a_picture_of_two_models(bag, model, tmp_path, capsys, monkeypatch):
+    shown, honest = [], picture.draw
+
+    def draw(recording, plant, runs, errors):
+        shown.append(errors)
+        return honest(recording, plant, runs, errors)
+
+    monkeypatch.setattr(picture, 'draw', draw)
     status, result, _ = replay(capsys, bag, '--model', model, '--beside', model,
                                '--picture', tmp_path / 'picture.png')
     assert (status, result['picture']) == (0, str(tmp_path / 'picture.png'))
     assert (tmp_path / 'picture.png').read_bytes().startswith(b'\x89PNG')
+    assert shown == [{str(model): result['free_run']['rmse']}]
 
 
 def test_a_picture_of_two_plants_is_refused(bag, model, tmp_path, capsys):

@@ -47,6 +47,13 @@ def offline(events: list[tuple[int, str, float]]) -> list[tuple[object, ...]]:
     return rows
 
 
+def test_commands_a_rounding_error_after_the_grid_are_on_it() -> None:
+    events = [(10**18 + k * STEP + (name == 'u' and k % 3), name, float(k))
+              for k in range(30) for name in 'dyu']
+    assert [row[1] for row in run(events)] == list(range(30))
+    assert run(events) == offline(events)
+
+
 @st.composite
 def recordings(draw: st.DrawFn) -> list[tuple[int, str, float]]:
     """Three signals at steady rates with jitter and phases of their own, and shared pauses."""

@@ -30,6 +30,15 @@ def test_stamps_on_the_grid_pass_unchanged(values, start, step):
     assert series['y'].tobytes() == (-values).tobytes()
 
 
+@given(seed=st.integers(0, 2**32 - 1))
+def test_commands_a_rounding_error_off_the_grid_are_on_it(seed):
+    off = np.random.default_rng(seed).integers(-1, 2, 60)
+    off[0] = 0
+    stamps = 10**18 + STEP * np.arange(60)
+    (series,) = to_grid({'u': samples(stamps + off), 'y': samples(stamps)}, ['u'], DT)
+    assert series['u'].tolist() == list(range(60))
+
+
 @st.composite
 def scattered(draw, least=2, most=40):
     steps = draw(st.lists(st.integers(1, 4 * STEP), min_size=least, max_size=most))

@@ -8,20 +8,27 @@ import json
 import numpy as np
 import pytest
 from test_trace_page import PROVENANCE
-from trace_by_hand import trace
+from trace_by_hand import evidence, result
 import yaml
 
 from hydro_twin.errors import UserError
 from hydro_twin.model import load_predictor, read_model
+from hydro_twin.predictors import kernel
 from hydro_twin.predictors.scores import errors_of
 from hydro_twin.report import trace_files
 from hydro_twin.report.trace_files import write_files
+from hydro_twin.residual.evaluate import result_of
 from hydro_twin.residual.limits import without_unreached
 
 
 @pytest.fixture(scope='module')
-def found():
-    return trace('positioning', source='bags/one')
+def traced():
+    return evidence('positioning', source='bags/one')
+
+
+@pytest.fixture(scope='module')
+def found(traced):
+    return result_of(traced)
 
 
 def names(folder):
@@ -38,21 +45,21 @@ def test_writes_all(tmp_path, found):
         assert picture.read_bytes().startswith(b'\x89PNG')
 
 
-def test_the_models_are_those_before_and_after(tmp_path, found):
+def test_the_models_are_those_before_and_after(tmp_path, traced, found):
     write_files(found, tmp_path, PROVENANCE)
     before, after = (read_model(tmp_path / name) for name in ('before.yaml', 'model.yaml'))
     assert before.effects == ()
     assert [effect.placed.effect.id for effect in after.effects] == ['friction']
-    assert before.values['F_v'] == pytest.approx(found.before.candidate.values['F_v'])
+    assert before.values['F_v'] == pytest.approx(traced.before.candidate.values['F_v'])
 
 
 def test_a_limit_that_was_never_reached_is_not_written_as_found(tmp_path):
     """The valve is held at 0.6 and never comes near the lower limit of -10 it was fitted with."""
-    made = trace('valve_servo')
+    made = evidence('valve_servo')
     after = without_unreached(made.after, made.train)
     for part in made.train:
         np.testing.assert_array_equal(after.candidate.run(part), made.after.candidate.run(part))
-    summary = write_files(replace(made, after=after), tmp_path, PROVENANCE)
+    summary = write_files(result_of(replace(made, after=after)), tmp_path, PROVENANCE)
     assert list(summary['effects'][0]['parameters']) == ['upper']
     raw = yaml.safe_load((tmp_path / 'model.yaml').read_text())
     limits = raw['effects'][0]['parameters']
@@ -63,13 +70,23 @@ def test_a_limit_that_was_never_reached_is_not_written_as_found(tmp_path):
     assert again.values == after.candidate.effects[0].values
 
 
-def test_the_errors_are_those_of_the_models_that_are_written(tmp_path, found):
+def test_the_errors_are_those_of_the_models_that_are_written(tmp_path, traced, found):
     summary = write_files(found, tmp_path, PROVENANCE)
     for when, name in (('before', 'before.yaml'), ('after', 'model.yaml')):
-        expected = errors_of(load_predictor(tmp_path / name), found.recordings)
+        expected = errors_of(load_predictor(tmp_path / name), traced.recordings)
         for mode, errors in expected.items():
             assert summary[when][mode] == pytest.approx(errors, rel=1e-12)
             assert read_model(tmp_path / name).promised(mode) == pytest.approx(errors['test'])
+
+
+def test_writing_them_runs_no_model(tmp_path, found, monkeypatch):
+    def runs(*_):
+        raise AssertionError('a model is run')
+
+    for name in ('advance', 'output', 'run', 'run_one_step'):
+        monkeypatch.setattr(kernel, name, runs)
+    write_files(found, tmp_path, PROVENANCE)
+    assert 'report.html' in names(tmp_path)
 
 
 def from_rest(candidate, part):
@@ -77,19 +94,19 @@ def from_rest(candidate, part):
                                 candidate.system.start(part.inputs[0], part.measured[0]))
 
 
-def test_the_series_hold_every_sample(tmp_path, found):
+def test_the_series_hold_every_sample(tmp_path, traced, found):
     write_files(found, tmp_path, PROVENANCE)
     with (tmp_path / 'series.csv').open() as stream:
         rows = list(csv.DictReader(stream))
     first = [row for row in rows if row['part'] == 'training 1']
-    part = found.train[0]
+    part = traced.train[0]
     assert list(rows[0]) == ['part', 'bag', 'time', 'force', 'x', 'before', 'after']
-    assert len(rows) == sum(len(p.measured) for p in (*found.train, *found.test))
+    assert len(rows) == sum(len(p.measured) for p in (*traced.train, *traced.test))
     assert {row['bag'] for row in rows} == {'bags/one'}
     for name, values in (('time', 0.001 * np.arange(len(part.measured))), ('x', part.measured),
                          ('force', part.inputs[:, 0]),
-                         ('before', from_rest(found.before.candidate, part)),
-                         ('after', from_rest(found.after.candidate, part))):
+                         ('before', from_rest(traced.before.candidate, part)),
+                         ('after', from_rest(traced.after.candidate, part))):
         np.testing.assert_allclose([float(row[name]) for row in first], values, rtol=1e-8,
                                    atol=1e-15)
 
@@ -97,7 +114,7 @@ def test_the_series_hold_every_sample(tmp_path, found):
 def test_figures_of_an_earlier_trace_go(tmp_path, found):
     write_files(found, tmp_path, PROVENANCE)
     (tmp_path / 'mine.txt').write_text('kept')
-    write_files(trace('positioning', found=False), tmp_path, PROVENANCE)
+    write_files(result('positioning', found=False), tmp_path, PROVENANCE)
     assert names(tmp_path) == [
         'figures/left_command_command_value.png', 'figures/output.png', 'figures/spectra.png',
         'mine.txt', 'model.yaml', 'report.html', 'report.json', 'series.csv']
@@ -112,7 +129,7 @@ def test_nothing_is_replaced_before_all_is_made(tmp_path, found, monkeypatch):
 
     monkeypatch.setattr(trace_files, 'write_png', full)
     with pytest.raises(UserError, match='cannot be written \\(No space left'):
-        write_files(trace('positioning', found=False), tmp_path, PROVENANCE)
+        write_files(result('positioning', found=False), tmp_path, PROVENANCE)
     assert {name: (tmp_path / name).read_bytes() for name in names(tmp_path)} == before
 
 
@@ -124,7 +141,7 @@ def test_a_folder_that_cannot_be_made(tmp_path, found):
 
 @pytest.mark.parametrize('named', [False, True])
 def test_a_curve_is_in_the_model_and_said_to_explain_nothing(tmp_path, named):
-    made = trace('load_simulator', named, True)
+    made = result('load_simulator', named, True)
     summary = write_files(made, tmp_path, PROVENANCE)
     assert summary['verdict'] == ('effect_found' if named else 'unexplained')
     assert 'curve' not in [effect['id'] for effect in summary['effects']]

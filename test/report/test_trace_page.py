@@ -9,12 +9,11 @@ import shutil
 import subprocess
 
 import pytest
-from trace_by_hand import EFFECTS, trace
+from trace_by_hand import EFFECTS, result
 
-from hydro_twin.report.figures import illustrations, runs
+from hydro_twin.report.figures import illustrations
 from hydro_twin.report.page import page, parameter_rows, percent, short, spread
 from hydro_twin.report.summary import summarise
-from hydro_twin.residual.verdict import judge
 
 PROVENANCE = {'bags': [{'path': 'a <bag>', 'sha256': '0123abcd' * 8}], 'test_bags': [], 'seed': 7,
               'command': 'hydro-twin trace "a <bag>"', 'version': '1.2.3'}
@@ -23,11 +22,9 @@ CASES = [*((name, found) for name in EFFECTS for found in (True, False)),
 
 
 def written(name, *what, **more):
-    made = trace(name, *what, **more)
-    verdict = judge(made)
-    summary = summarise(made, verdict)
-    figures = illustrations(made, verdict, runs(made))
-    return page(made, verdict, summary, PROVENANCE, figures), summary
+    made = result(name, *what, **more)
+    summary = summarise(made)
+    return page(made, summary, PROVENANCE, illustrations(made)), summary
 
 
 @pytest.fixture(scope='module', params=CASES, ids=lambda case: '-'.join(map(str, case)))
@@ -113,20 +110,18 @@ def test_its_size():
 
 
 def test_how_much_what_is_lacking_bent_the_parameters():
-    made = trace('positioning')
-    summary = summarise(made, judge(made))
-    rows = parameter_rows(made.before, made.after, summary['parameters'])
+    made = result('positioning')
+    rows = parameter_rows(made, summarise(made)['parameters'])
     viscous = next(row for row in rows if row['name'] == 'F_v')
-    values = [fit.candidate.values['F_v'] for fit in (made.before, made.after)]
+    values = [model.values['F_v'] for model in (made.before, made.after)]
     assert viscous['shift'] == pytest.approx(values[0] / values[1] - 1.0)
     assert viscous['shift'] > 0.1                # viscous friction stood in for the dry one
 
 
 def test_a_combination_is_known_as_well_as_the_one_that_was_searched():
-    made = trace('valve_servo')
-    summary = summarise(made, judge(made))
-    row = parameter_rows(made.before, made.after, summary['parameters'])[-1]
-    values = made.after.candidate.values
+    made = result('valve_servo')
+    row = parameter_rows(made, summarise(made)['parameters'])[-1]
+    values = made.after.values
     assert row['name'] == 'T_c / k_1'
     assert row['after']['value'] == pytest.approx(values['T_c'] / values['k_1'])
     assert 0.0 < row['after']['std_error'] < 0.1 * row['after']['value']

@@ -25,7 +25,6 @@ from hydro_twin.residual.screen import hidden, screen
 from hydro_twin.residual.select import search, stretches
 from hydro_twin.residual.structure import dependences, drift, foretold, free_curves
 from hydro_twin.residual.trace import trace
-from hydro_twin.residual.verdict import judge
 
 BAGS = Path(__file__).parents[2] / 'bags'
 SOURCES = (('load_simulator', 'rig_a'), ('valve_servo', 'valve_limit'))
@@ -158,7 +157,7 @@ def ends(plant, recording):
         found = trace(recording, None, plant)
     except UserError:
         return
-    assert summarise(found, judge(found))['verdict'] in (
+    assert summarise(found)['verdict'] in (
         'effect_found', 'nothing_missing', 'unexplained')
 
 

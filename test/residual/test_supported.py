@@ -25,11 +25,11 @@ BIAS = ('bias', 'motor', {'offset': 2.0})
 
 def grown(recording, *effects):
     """Fit the effects to a recording; the chain, the fit without them, the ground."""
-    alone, parts, unseen = fitted(recording)
+    alone, parts, held_out = fitted(recording)
     placed = tuple(place(*effect, PLANT) for effect in effects)
     fit = search(replace(alone.candidate, effects=placed), parts, 40)
     findings = tuple(Finding(k, 0.0, 0.5, ()) for k in range(len(effects)))
-    return Chain(fit, findings), alone, Ground(parts, unseen, 0, lambda _: None)
+    return Chain(fit, findings), alone, Ground(parts, held_out, 0, lambda _: None)
 
 
 def names(chain):
@@ -55,7 +55,7 @@ def test_one_beside_a_larger_one_that_is_lacking_is_dropped(both):
 
 def test_data_that_were_not_fitted_are_likelier_with_what_is_there(both):
     chain, alone, ground = grown(both, FRICTION, BIAS)
-    before, after = ([fit.candidate.residual(part) for part in ground.unseen]
+    before, after = ([fit.candidate.residual(part) for part in ground.held_out]
                      for fit in (alone, chain.fit))
     n = sum(map(len, after)) - 6 * len(after)
     ratio = np.mean(np.square(np.concatenate(before))) / np.mean(np.square(np.concatenate(after)))

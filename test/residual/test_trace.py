@@ -17,8 +17,8 @@ from hydro_twin.recording.series import Recording, split
 from hydro_twin.recording.signals import load_signals
 from hydro_twin.recording.write import write_recording
 from hydro_twin.report.summary import summarise
-from hydro_twin.residual.trace import trace
-from hydro_twin.residual.verdict import judge
+from hydro_twin.residual.trace import evidence, trace
+from hydro_twin.residual.verdict import verdict_of
 from hydro_twin.simulation.simulate import simulate
 
 FRICTION = ('friction', 'motor', {'coulomb': 6.0})
@@ -27,8 +27,7 @@ ERRORS = {'one_step': {'train', 'test'}, 'free_run': {'train', 'test'}}
 
 
 def report_of(recording, seed=0):
-    found = trace(*split(recording), PLANT, seed=seed)
-    return summarise(found, judge(found))
+    return summarise(trace(*split(recording), PLANT, seed=seed))
 
 
 def named(report):
@@ -111,12 +110,12 @@ def test_a_long_recording_of_an_axis_that_integrates():
     one = simulate(plant, {'M': 95.0, 'F_v': 200.0}, placed, {'force': force}, 18.0)
     x = one['x'] + 1e-5 * np.random.default_rng(0).standard_normal(len(one))
     recording = Recording((replace(one, columns={**one.columns, 'x': x}),))
-    found = trace(*split(recording), plant)
+    found = evidence(*split(recording), plant)
     named = {placed.effect.id: placed.named for placed in found.after.candidate.effects}
     assert set(named) == {'friction', 'bias'}
     assert named['friction']['coulomb'] == pytest.approx(20.0, rel=0.01)
     assert named['bias']['offset'] == pytest.approx(3.0, rel=0.01)
-    assert found.unseen < 1.1e-5
+    assert found.held_out_error < 1.1e-5
     assert [len(part.measured) for part in found.fitted] == [12_000]
 
 
@@ -137,10 +136,10 @@ def test_what_happens_in_the_first_third_only_is_found():
             start=10_000_000_000 * (index + 1))
         torque = one['T_g'] + 0.2 * rng.standard_normal(len(one))
         series.append(replace(one, columns={**one.columns, 'T_g': torque}))
-    found = trace(Recording(tuple(series)), None, PLANT)
+    found = evidence(Recording(tuple(series)), None, PLANT)
     assert found.tested == 6
     assert [p.effect.id for p in found.after.candidate.effects] == ['saturation']
-    assert found.unseen < 0.22
+    assert found.held_out_error < 0.22
 
 
 def test_the_linear_fit_is_no_worse_than_that_of_refit(monkeypatch):
@@ -215,16 +214,16 @@ def test_what_may_make_the_free_run_worse_where_nothing_was_fitted_is_not_named(
     module = importlib.import_module('hydro_twin.residual.trace')
     honest = module._gain
 
-    def worse(before, after, unseen, seed):
-        gain = honest(before, after, unseen, seed)
+    def worse(before, after, test, seed):
+        gain = honest(before, after, test, seed)
         return gain if after is before else replace(gain, low=-0.2, high=highest)
 
     monkeypatch.setattr(module, '_gain', worse)
-    found = trace(rubbing, None, PLANT)
+    found = evidence(rubbing, None, PLANT)
     assert found.findings == ()
     assert found.found is None
     assert found.after is found.before
-    assert judge(found).kind == 'unexplained'
+    assert verdict_of(found) == 'unexplained'
 
 
 @pytest.mark.slow

@@ -7,7 +7,7 @@ laws, is fitted to the sum. Where the law is right, the free curve runs along it
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 from scipy import signal
@@ -18,11 +18,11 @@ from hydro_twin.fitting.candidate import Part
 from hydro_twin.fitting.free_run import Fit
 from hydro_twin.plants.plant import FloatArray
 from hydro_twin.predictors.scores import rms
-from hydro_twin.report.chart import AFTER, axis, BEFORE, Chart, Curve, FOUND, Illustration, View
 from hydro_twin.residual.noise import autoregression
 from hydro_twin.residual.passing import Passing, passing
 from hydro_twin.residual.select import stretches
 from hydro_twin.residual.structure import BLOCK, hats, to_output
+from hydro_twin.result import FreeCurve, Profile, Shape
 
 KNOTS = 8               # evenly spaced, and as many again at quantiles
 CLOSEST = 0.02          # of two knots, as a share of the reach
@@ -32,23 +32,13 @@ TRIALS = 25             # delays at which the error is shown
 WIDEST = 1.0            # standard error of a knot worth showing, over the reach of the law
 
 
-@dataclass(frozen=True)
-class FreeCurve:
-    """A free curve over a signal: knots, what is added there, and its standard error."""
-
-    label: str
-    knots: FloatArray
-    added: FloatArray
-    std_error: FloatArray
-
-
 def free_curves(fit: Fit, placed: Placed, seen: Sequence[Passing], name: str) -> list[FreeCurve]:
     """Fit a free curve of what is added at a port over a signal; two for a law with memory.
 
     Least squares on what the model leaves plus what the effect does, whitened by the memory of
     the former; all else in the model stays as it is, but for the state at the start of each part,
     of which the first samples tell little. Standard errors are by blocks, so that they hold where
-    something structured is left, each as if it were foretold by the others, since a knot may be
+    something structured is left, each as if it were predicted by the others, since a knot may be
     visited in a few only [Bell and McCaffrey 2002, the jackknife].
 
     Returns:
@@ -134,43 +124,33 @@ def telling(seen: Sequence[Passing]) -> str:
     return min(unexplained, key=lambda name: unexplained[name])
 
 
-def illustrate_effect(fit: Fit, placed: Placed, parts: Sequence[Part]) -> Illustration:
-    """Show an effect at its port, or, for a delay, the error over the delay."""
-    title = f'{placed.effect.title.capitalize()} at the {placed.port.name}'
-    name = f'effect_{placed.effect.id}_{placed.port.name}'
+def shape_of(fit: Fit, placed: Placed, parts: Sequence[Part]) -> Shape | Profile:
+    """Show an effect at its port, or, for a delay, which has no port value, the error over it.
+
+    Args:
+        fit: the model with the effect.
+        placed: the effect, one of the model's.
+        parts: what was fitted.
+    """
     if placed.effect.law is None:
-        return Illustration(name, title,
-                            'Error of the free run for other delays, all else as fitted.',
-                            (View('', (_profile(fit, placed, parts),)),))
+        return _profile(fit, placed, parts)
     seen = [passing(fit.candidate, placed, part) for part in parts]
     over = telling(seen)
     start_up = fit.candidate.start_up
     x = np.concatenate([p.signals[over][start_up:] for p in seen])
     added = np.concatenate([p.added[start_up:] for p in seen])
     every = -(-len(x) // DOTS)
-    unit = placed.port.unit if over == 'value' else placed.port.signals[over]
-    what = placed.port.meaning if over == 'value' else over.replace('_', ' ')
-    colours = (FOUND, BEFORE)
-    curves = [Curve('law, as it acts in the run', x[::every], added[::every], AFTER, 'dots')]
-    for free, colour in zip(free_curves(fit, placed, seen, over), colours, strict=False):
-        shown = free.std_error < WIDEST * max(float(np.ptp(added)), abs(float(added.max())))
-        curves.append(Curve(free.label, free.knots[shown], free.added[shown], colour, 'points',
-                            2.0 * free.std_error[shown]))
-    caption = (
-        f'What is added to the {placed.port.meaning}, over the signal on which that depends most '
-        f'plainly. The free curve knows no law: it is fitted to what the model would leave '
-        f'without this effect, all else as fitted; bars are two standard errors. Where the law '
-        f'is right, its dots pass through the bars.')
-    if placed.effect.implicit:
-        caption += ' Beside a jump, between two samples, they overshoot.'
-    if len(seen[0].signals) > 2:
-        caption += ' This law reads more than one signal: its dots are spread by the others.'
-    return Illustration(name, title, caption, (View('', (Chart(
-        axis(what, unit), axis('added', placed.port.unit), tuple(curves)),)),))
+    widest = WIDEST * max(float(np.ptp(added)), abs(float(added.max())))
+    curves = []
+    for curve in free_curves(fit, placed, seen, over):
+        known = curve.std_error < widest
+        curves.append(FreeCurve(curve.label, curve.knots[known], curve.added[known],
+                                curve.std_error[known]))
+    return Shape(over, len(seen[0].signals), x[::every], added[::every], tuple(curves))
 
 
-def _profile(fit: Fit, placed: Placed, parts: Sequence[Part]) -> Chart:
-    """Chart the error over the first parameter of an effect, from nothing to twice its value."""
+def _profile(fit: Fit, placed: Placed, parts: Sequence[Part]) -> Profile:
+    """Run with other values of the first parameter, from nothing to twice the fitted one."""
     index = fit.candidate.effects.index(placed)
     values = np.linspace(0.0, 2.0 * placed.values[0], TRIALS)
     errors = []
@@ -179,8 +159,4 @@ def _profile(fit: Fit, placed: Placed, parts: Sequence[Part]) -> Chart:
         effects[index] = replace(placed, values=(float(value), *placed.values[1:]))
         moved = replace(fit.candidate, effects=tuple(effects))
         errors.append(rms(np.concatenate([moved.residual(part) for part in parts])))
-    parameter = placed.effect.parameters[0]
-    unit = placed.effect.unit(parameter, placed.port)
-    return Chart(axis(parameter.name, unit), axis('RMS error', fit.candidate.plant.output.unit), (
-        Curve('free run', values, np.array(errors), BEFORE),
-        Curve('as fitted', np.array([placed.values[0]]), np.array([fit.error]), AFTER, 'points')))
+    return Profile(values, np.array(errors), fit.error)

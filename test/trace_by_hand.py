@@ -13,12 +13,12 @@ from hydro_twin.plants import plant_named
 from hydro_twin.recording.series import Recording, Series
 from hydro_twin.residual.chain import Finding
 from hydro_twin.residual.curve import Found
-from hydro_twin.residual.noise import Burst, Line, noise_floor
-from hydro_twin.residual.proof import Improvement, improvement
-from hydro_twin.residual.screen import Hidden
+from hydro_twin.residual.evaluate import result_of
+from hydro_twin.residual.evidence import Evidence
+from hydro_twin.residual.noise import Burst, noise_floor
+from hydro_twin.residual.proof import improvement
 from hydro_twin.residual.select import Contender, search, stretches
-from hydro_twin.residual.structure import Dependence
-from hydro_twin.residual.trace import Trace
+from hydro_twin.result import Dependence, Hidden, Improvement, Line
 
 # For each plant, effects that show under the inputs below, and one that is tried in their place.
 EFFECTS = {
@@ -74,8 +74,13 @@ def unexplained(base, train, port):
     return Found(fit, Improvement(0.4375, 0.3125, 0.5625), 1.5e-9, ((placed[1], 6.25),))
 
 
-def trace(name, found=True, curve=False, seconds=0.6, source='a bag'):
-    """Put a trace together: the effects found, or the same data with nothing found, or a curve."""
+def result(*what, **more):
+    """Put evidence together and evaluate it."""
+    return result_of(evidence(*what, **more))
+
+
+def evidence(name, found=True, curve=False, seconds=0.6, source='a bag'):
+    """Put evidence together: effects found, or the same data with nothing found, or a curve."""
     effects, rival = EFFECTS[name]
     truth = candidate(name, effects)
     train, test = (parts(truth, seconds, 0.01, seed, source) for seed in (1, 2))
@@ -83,16 +88,17 @@ def trace(name, found=True, curve=False, seconds=0.6, source='a bag'):
     after = search(truth, train, 3) if found else before
     other = Contender(search(candidate(name, [rival]), train, 3))
     port = truth.plant.ports[0]
-    return Trace(
+    return Evidence(
         plant=truth.plant, before=before, after=after, train=train, test=test,
         recordings={'train': recording(truth, train), 'test': recording(truth, test)},
         fitted=train,
         hidden=(Hidden('ripple', 'motor', 'turn it <slowly> & far'),),
         findings=tuple(Finding(k, 1.25e-30, 0.875, ((other, 43.25 + k),))
                        for k in range(len(effects))) if found else (),
-        proof=improvement([before.candidate.residual(p) for p in test],
-                          [after.candidate.residual(p) for p in test], 0),
-        unseen=after.error, floor=noise_floor(stretches(after)), white=is_white(stretches(after)),
+        improvement=improvement([before.candidate.residual(p) for p in test],
+                                [after.candidate.residual(p) for p in test], 0),
+        held_out_error=after.error, floor=noise_floor(stretches(after)),
+        white=is_white(stretches(after)),
         lines=() if found else (Line(50.25, 0.125),),
         bursts=() if found else (Burst(0, 50, 100),),
         depends_on=() if found and not curve else (

@@ -1,40 +1,41 @@
-"""What may be said of a trace."""
+"""What may be said of the evidence of a trace."""
 from dataclasses import replace
 
 import numpy as np
 import pytest
 from scipy.signal import lfilter
-from trace_by_hand import candidate, trace
+from trace_by_hand import candidate, evidence
 
 from hydro_twin.fitting.candidate import Part
 from hydro_twin.plants import plant_named
 from hydro_twin.report.summary import remainder_sentence, summarise
 from hydro_twin.residual.chain import Finding
+from hydro_twin.residual.evaluate import result_of
 from hydro_twin.residual.noise import noise_floor
 from hydro_twin.residual.select import search
-from hydro_twin.residual.verdict import judge
+from hydro_twin.residual.verdict import named_effects, verdict_of
 
 
 @pytest.fixture(scope='module')
 def rubbing():
-    return trace('load_simulator')
+    return evidence('load_simulator')
 
 
 def test_an_error_of_many_times_the_noise_is_not_noise(rubbing):
-    assert judge(rubbing).kind == 'effect_found'
+    assert verdict_of(rubbing) == 'effect_found'
     nothing = replace(rubbing, findings=())
-    assert judge(nothing).kind == 'nothing_missing'
+    assert verdict_of(nothing) == 'nothing_missing'
     loud = replace(nothing, floor=nothing.after.error / 8.0)
-    assert judge(loud).kind == 'unexplained'
-    assert '8 times as large as the noise' in remainder_sentence(loud)
+    assert verdict_of(loud) == 'unexplained'
+    assert '8 times as large as the noise' in remainder_sentence(result_of(loud))
 
 
 def test_where_the_model_does_not_fit_nothing_is_said_of_other_effects(rubbing):
     """What would have shown beside a fit that failed is no matter of the recording."""
-    assert summarise(rubbing, judge(rubbing))['cannot_show']
+    assert summarise(result_of(rubbing))['cannot_show']
     failed = replace(rubbing, findings=(), after=rubbing.before,
                      floor=rubbing.before.error / 8.0)
-    summary = summarise(failed, judge(failed))
+    summary = summarise(result_of(failed))
     assert (summary['verdict'], summary['cannot_show']) == ('unexplained', [])
     assert 'the model does not fit, by 8 times the noise' in summary['says']
 
@@ -45,15 +46,15 @@ def test_coloured_noise_may_look_five_times_as_large(rubbing):
     looks = noise.std() / noise_floor([noise])
     assert looks == pytest.approx(5.0, rel=0.1)
     coloured = replace(rubbing, findings=(), floor=rubbing.after.error / looks)
-    assert judge(coloured).kind == 'nothing_missing'
+    assert verdict_of(coloured) == 'nothing_missing'
 
 
 def test_a_law_is_not_certain_where_much_is_left(rubbing):
     alone = replace(rubbing, findings=tuple(
         replace(finding, rivals=()) for finding in rubbing.findings))
-    assert all(one.certain for one in judge(alone).judged)
+    assert all(one.certain for one in named_effects(alone))
     more = replace(alone, floor=alone.after.error / 3.0)
-    assert not any(one.certain for one in judge(more).judged)
+    assert not any(one.certain for one in named_effects(more))
 
 
 def test_a_law_is_not_certain_where_memory_is_left_that_the_ports_foretell(rubbing):
@@ -62,7 +63,7 @@ def test_a_law_is_not_certain_where_memory_is_left_that_the_ports_foretell(rubbi
     doubtful = (0.1, 0.2)       # a tenth is foretold, which noise might be once in five times
     for white, foretold, certain in ((True, doubtful, True), (False, doubtful, False),
                                      (False, (0.1, 1.0), True), (False, (0.001, 0.2), True)):
-        found = judge(replace(alone, white=white, foretold=foretold)).judged
+        found = named_effects(replace(alone, white=white, foretold=foretold))
         assert all(one.certain == certain for one in found), (white, foretold)
 
 
@@ -75,15 +76,16 @@ def test_a_constant_torque_may_be_a_ripple_where_the_motor_hardly_turns(travel, 
     output = truth.system.run(inputs, truth.system.start(inputs[0], 0.0))
     part = Part(inputs, output + 0.01 * rng.standard_normal(len(output)))
     after = search(truth, [part], 3)
-    found = replace(trace('load_simulator'), plant=plant, after=after, fitted=[part],
+    found = replace(evidence('load_simulator'), plant=plant, after=after, fitted=[part],
                     findings=(Finding(0, 1e-30, 0.999, ()),))
-    (judged,) = judge(found).judged
+    (judged,) = named_effects(found)
     assert [name for name, _ in judged.rivals] == others
-    assert judge(found).ambiguous == ((('bias', 'ripple'),) if others else ())
+    assert judged.close == tuple(others)
     assert not (others and judged.certain)
 
 
-@pytest.mark.parametrize('unseen', [1.5, float('nan')])
-def test_a_model_that_fails_elsewhere_lacks_something(rubbing, unseen):
+@pytest.mark.parametrize('ratio', [1.5, float('nan')])
+def test_a_model_that_fails_on_held_out_data_lacks_something(rubbing, ratio):
     nothing = replace(rubbing, findings=())
-    assert judge(replace(nothing, unseen=unseen * nothing.after.error)).kind == 'unexplained'
+    failed = replace(nothing, held_out_error=ratio * nothing.after.error)
+    assert verdict_of(failed) == 'unexplained'

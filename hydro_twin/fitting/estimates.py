@@ -1,0 +1,56 @@
+"""What a fit by output error says: a model with standard errors."""
+from __future__ import annotations
+
+from collections.abc import Mapping
+from copy import deepcopy
+from dataclasses import replace
+import math
+from typing import Any
+
+from hydro_twin.fitting.free_run import Fit, get, label, Unknown
+from hydro_twin.fitting.identifiability import Identifiability
+from hydro_twin.model import Estimate, Model
+
+
+def fitted_model(fit: Fit, known: Identifiability, errors: Mapping[str, Any]) -> Model:
+    """Make a model of a fit, with standard errors and with the errors that it promises.
+
+    Args:
+        fit: a fit of all physical parameters.
+        known: what the data determine of it.
+        errors: see `Model`.
+    """
+    model, plant = fit.candidate.model(), fit.candidate.plant
+    spreads = {label(unknown): _std_error(fit, unknown, known.std_error.get(label(unknown)))
+               for unknown in fit.unknowns}
+    for combination in plant.combinations:      # its members are not known by themselves
+        spreads |= dict.fromkeys(combination)
+    return replace(
+        model,
+        parameters={name: replace(estimate, std_error=spreads.get(name),
+                                  identifiable=spreads.get(name) is not None)
+                    for name, estimate in model.parameters.items()},
+        effects=tuple(replace(effect, std_errors={p.name: spreads.get(f'{index}:{p.name}')
+                                                  for p in effect.placed.effect.parameters})
+                      for index, effect in enumerate(model.effects)),
+        errors=deepcopy(dict(errors)))          # what is shared would be an alias in the file
+
+
+def combination_estimates(fit: Fit, known: Identifiability) -> tuple[Estimate, ...]:
+    """Estimate each of the plant's combinations; its first parameter was searched for all."""
+    return tuple(_together(fit.candidate.values, combination, known)
+                 for combination in fit.candidate.plant.combinations)
+
+
+def _together(values: Mapping[str, float], combination: Mapping[str, int],
+              known: Identifiability) -> Estimate:
+    value = math.prod(values[name] ** power for name, power in combination.items())
+    relative = known.std_error.get(next(iter(combination)))
+    return Estimate(value, None if relative is None else relative * value, relative is not None)
+
+
+def _std_error(fit: Fit, unknown: Unknown, spread: float | None) -> float | None:
+    """Take a standard error from the coordinate of an unknown to its unit."""
+    if spread is None:
+        return None
+    return spread * (abs(get(fit.candidate, unknown)) if unknown.log else unknown.scale)

@@ -1,0 +1,127 @@
+"""From the evidence of a trace to its result: judged, estimated, run and drawn, each once."""
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from hydro_twin.fitting.estimates import combination_estimates, fitted_model
+from hydro_twin.fitting.free_run import Fit
+from hydro_twin.plants.plant import FloatArray
+from hydro_twin.predictors.analytical import Analytical
+from hydro_twin.predictors.predictor import MODES
+from hydro_twin.predictors.scores import Errors, first_scored, persistence, predict, rms
+from hydro_twin.recording.series import Series
+from hydro_twin.residual.evidence import Evidence
+from hydro_twin.residual.shape import shape_of
+from hydro_twin.residual.structure import drifts
+from hydro_twin.residual.verdict import is_structured, LIKELY, named_effects, verdict_of
+from hydro_twin.result import FoundCurve, Remainder, Run, SeriesErrors, Spell, TraceResult
+
+PARTS = ('test', 'train')
+Predictions = dict[str, list[FloatArray]]       # mode -> of each series; test part, then training
+
+
+def result_of(found: Evidence) -> TraceResult:
+    """Evaluate all that is said of a trace.
+
+    Every series is predicted once by each model and mode, and errors, figures and tables are
+    those of these predictions.
+    """
+    series = [one for part in PARTS for one in found.recordings[part].series]
+    fits = {'before': found.before, 'after': found.final}
+    before = _predictions(found.before, series)
+    predicted = {'before': before,
+                 'after': before if found.final is found.before else
+                 _predictions(found.final, series)}
+    errors = {when: _errors(found, predicted[when]) for when in fits}
+    known = {when: fit.identifiability() for when, fit in fits.items()}
+    models = {when: fitted_model(fit, known[when],
+                                 {'before': errors['before'], 'after': errors[when]})
+              for when, fit in fits.items()}
+    effects = named_effects(found)
+    return TraceResult(
+        plant=found.plant, verdict=verdict_of(found), tested=found.tested,
+        before=models['before'], after=models['after'],
+        combinations={when: combination_estimates(fits[when], known[when]) for when in fits},
+        effects=effects,
+        shapes=tuple(shape_of(found.final, effect.placed, found.fitted) for effect in effects),
+        found=None if found.found is None else FoundCurve(
+            found.found.placed, found.found.proof, found.found.p_value, found.found.others),
+        improvement=found.improvement, hidden=found.hidden, remainder=_remainder(found),
+        series=_by_series(found, predicted), runs=_runs(found, series, predicted),
+        persistence=persistence(found.recordings['test'], found.plant), noise=found.floor,
+        fails=found.fails, parts=(len(found.train), len(found.test)))
+
+
+def _predictions(fit: Fit, series: Sequence[Series]) -> Predictions:
+    predictor = Analytical(fit.candidate.model())
+    return {mode: predict(predictor, series, mode) for mode in MODES}
+
+
+def _missed(found: Evidence, predicted: Predictions, mode: str) -> dict[str, list[FloatArray]]:
+    """Measured less predicted, scored samples only, of each series of each part."""
+    left = iter(predicted[mode])
+    return {part: [(one[found.plant.output.name] - next(left))[
+        first_scored(one, found.plant, mode):] for one in found.recordings[part].series]
+        for part in PARTS}
+
+
+def _errors(found: Evidence, predicted: Predictions) -> Errors:
+    """Score a model on both parts; nan where a run diverges."""
+    missed = {mode: _missed(found, predicted, mode) for mode in MODES}
+    return {mode: {part: rms(np.concatenate(missed[mode][part])) for part in ('train', 'test')}
+            for mode in MODES}
+
+
+def _by_series(found: Evidence, predicted: dict[str, Predictions]) -> tuple[SeriesErrors, ...]:
+    """Score each series; training and test part together where both are cut from it."""
+    sources = [one.source for one in found.recordings['train'].series]
+    rows: list[dict[str, Errors]] = [
+        {when: {mode: {} for mode in MODES} for when in predicted} for _ in sources]
+    for when, predictions in predicted.items():
+        for mode in MODES:
+            missed = _missed(found, predictions, mode)
+            for part in ('train', 'test'):
+                if len(missed[part]) == len(sources):
+                    for row, error in zip(rows, missed[part], strict=True):
+                        row[when][mode][part] = rms(error)
+    return tuple(SeriesErrors(source, **row) for source, row in zip(sources, rows, strict=True)
+                 if all(np.isfinite(error) for errors in row.values()
+                        for parts in errors.values() for error in parts.values()))
+
+
+def _runs(found: Evidence, series: Sequence[Series], predicted: dict[str, Predictions]
+          ) -> tuple[Run, ...]:
+    """Put the free runs beside what was measured, of each series long enough to be scored."""
+    labels = [f'{name} {k + 1}' for name, part in (('test', 'test'), ('training', 'train'))
+              for k in range(len(found.recordings[part].series))]
+    return tuple(
+        Run(label, one, one[found.plant.output.name],
+            first_scored(one, found.plant, 'free_run'), before, after)
+        for label, one, before, after in zip(
+            labels, series, predicted['before']['free_run'], predicted['after']['free_run'],
+            strict=True) if len(one) > first_scored(one, found.plant, 'free_run'))
+
+
+def _remainder(found: Evidence) -> Remainder:
+    return Remainder(
+        error=found.after.error, held_out_error=found.held_out_error, white=found.white,
+        lines=found.lines, spells=_spells(found), depends_on=found.depends_on,
+        drifts=drifts(found.drifts), foretold=found.foretold, loud=found.is_loud,
+        larger_held_out=found.is_larger_held_out, structured=is_structured(found, LIKELY))
+
+
+def _spells(found: Evidence) -> tuple[Spell, ...]:
+    """Say when the bursts come, in seconds from the begin of their bag."""
+    parts, candidate = [*found.train, *found.test], found.after.candidate
+    sample_time = candidate.sample_time
+    begin = {bag: min(part.start for part in parts if part.source == bag)
+             for bag in {part.source for part in parts}}
+    spells = []
+    for burst in found.bursts:
+        part = parts[burst.stretch]
+        at = 1e-9 * (part.start - begin[part.source]) + candidate.start_up * sample_time
+        spells.append(Spell(part.source, at + burst.begin * sample_time,
+                            at + burst.end * sample_time))
+    return tuple(sorted(spells, key=lambda spell: (spell.bag, spell.begin)))

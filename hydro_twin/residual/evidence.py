@@ -1,0 +1,90 @@
+"""What the search of a trace ends with: fits, findings, and the tests of the last residual."""
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+from hydro_twin.fitting.candidate import Part
+from hydro_twin.fitting.free_run import Fit
+from hydro_twin.plants import Plant
+from hydro_twin.recording.series import Recording
+from hydro_twin.residual.chain import Finding, HELD_OUT
+from hydro_twin.residual.curve import Found
+from hydro_twin.residual.noise import Burst
+from hydro_twin.result import Dependence, Hidden, Improvement, Line
+
+LOUD = 6.0              # error over that of the noise, beyond which it cannot all be noise
+
+
+@dataclass(frozen=True)
+class Evidence:
+    """What tracing found, as it was found.
+
+    Attributes:
+        before, after: the fit at the start and at the end, on the training parts.
+        train, test: the parts, in the order of the series.
+        recordings: what these parts are of, by 'train' and 'test'; what is reported is scored on
+            them.
+        fitted: what of the training parts was fitted: all, or stretches of a long recording.
+        hidden: effects that the recording could not have shown, if the model fits.
+        improvement: of the free run as reported, on the test part, by what was named and by the
+            curve.
+        held_out_error: RMS of the residual of `after` on the like of the test parts, but for
+            their initial states.
+        floor: estimated RMS of the noise.
+        bursts: when much of what is left comes, if seldom; in `train`, then in `test`.
+        depends_on: what the residual of `after` still depends on.
+        drifts: (share, p-value) of a drift of the parameters in what is left.
+        foretold: (share, p-value) of what is left that the port signals predict.
+        found: a curve without a name, on top of `after`.
+        tested: see `TraceResult`.
+    """
+
+    plant: Plant
+    before: Fit
+    after: Fit
+    train: Sequence[Part]
+    test: Sequence[Part]
+    recordings: Mapping[str, Recording]
+    fitted: Sequence[Part]
+    hidden: tuple[Hidden, ...]
+    findings: tuple[Finding, ...]
+    improvement: Improvement
+    held_out_error: float
+    floor: float
+    white: bool
+    lines: tuple[Line, ...]
+    bursts: tuple[Burst, ...]
+    depends_on: tuple[Dependence, ...]
+    drifts: tuple[float, float]
+    foretold: tuple[float, float]
+    found: Found | None = None
+    tested: int = 0
+
+    @property
+    def final(self) -> Fit:
+        """The model with all that was found, named or not."""
+        return self.after if self.found is None else self.found.fit
+
+    @property
+    def additions(self) -> int:
+        """How much was added to the model, named or not."""
+        return len(self.findings) + (self.found is not None)
+
+    @property
+    def fails(self) -> bool:
+        """Whether the model does not fit, and nothing was found that would help.
+
+        Then what an effect would have shown beside it says nothing of the recording.
+        """
+        return self.additions == 0 and self.is_loud
+
+    @property
+    def is_loud(self) -> bool:
+        """Whether more is left than noise that is even remotely white."""
+        return self.after.error > LOUD * self.floor
+
+    @property
+    def is_larger_held_out(self) -> bool:
+        """Whether the model fails on held-out data, in which more must happen."""
+        return not self.held_out_error <= HELD_OUT * self.after.error
