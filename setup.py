@@ -44,6 +44,7 @@ setup(
     install_requires=[
         'jinja2>=3.1',
         'matplotlib>=3.6',
+        'msgspec>=0.18',
         'numba>=0.59',
         'numpy>=1.26',
         'PyYAML>=6',

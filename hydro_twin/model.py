@@ -18,6 +18,7 @@ from hydro_twin.plants.plant import FloatArray
 from hydro_twin.predictors import kind_named, make_predictor, Predictor
 from hydro_twin.recording.clock import same
 from hydro_twin.recording.series import Series
+from hydro_twin.schema import fault
 
 FORMAT = 1
 NOT_IDENTIFIABLE = 'not identifiable'
@@ -286,7 +287,10 @@ def read_model(path: Path) -> Model:
     if raw['format'] != FORMAT:
         raise ModelError(f'{path}: format {raw["format"]!r}; this version reads {FORMAT}')
     try:
-        return _from_document(raw)
+        model = _from_document(raw)
+        if wrong := fault(raw, 'model'):
+            raise ModelError(f'damaged ({wrong})')
+        return model
     except UserError as error:
         raise ModelError(f'{path}: {error}') from error
     except (KeyError, TypeError, ValueError, AttributeError) as error:

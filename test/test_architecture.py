@@ -7,7 +7,7 @@ import sys
 
 ROOT = Path(__file__).resolve().parents[1]
 PACKAGE = ROOT / 'hydro_twin'
-VALUES = ('api', 'model', 'result')     # modules at the top that stand for a layer
+VALUES = ('api', 'model', 'result', 'schema')     # modules at the top that stand for a layer
 ROW = re.compile(r'^\| (\d+) \| `(\w+)` \|(.*)\|$', re.MULTILINE)
 
 

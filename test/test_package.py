@@ -18,6 +18,7 @@ MANIFEST = ET.parse(ROOT / 'package.xml').getroot()
 KEYS = {   # name of the distribution -> rosdep key, where there is one
     'jinja2': 'python3-jinja2',
     'matplotlib': 'python3-matplotlib',
+    'msgspec': None,
     'numba': 'python3-numba',
     'numpy': 'python3-numpy',
     'pyyaml': 'python3-yaml',

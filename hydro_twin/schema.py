@@ -1,0 +1,266 @@
+"""The documents that are read and written, as types, and their JSON Schemas for editors."""
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Annotated, Any, Literal
+
+import msgspec
+from msgspec import field, Meta, Struct, UNSET, UnsetType
+
+from hydro_twin.recording.signals import FIELD, TYPE
+from hydro_twin.recording.table_map import UNITS
+
+# YAML reads 1e-3, without a point, as text.
+Text = Annotated[str, Meta(pattern=r'^[-+]?[0-9.]+([eE][-+]?[0-9]+)?$')]
+Number = float | Text
+Column = str | float                # the name of a column may be a number
+Positive = Annotated[float, Meta(gt=0.0)]
+Errors = dict[str, dict[str, float | None]]      # mode -> part -> RMS
+Digest = Annotated[str, Meta(pattern='^[0-9a-f]{64}$')]
+
+
+class Value(Struct, kw_only=True):
+    """A number with its unit."""
+
+    value: float
+    unit: str = ''
+
+
+class Estimated(Value, kw_only=True):
+    """A physical parameter."""
+
+    std_error: Annotated[
+        float | Literal['not identifiable', 'held'] | None,
+        Meta(description='standard error in the unit of the value')] = None
+    at_bound: Annotated[
+        Literal['', 'lower', 'upper'] | None,
+        Meta(description='bound of its search at which it ended')] = None
+
+
+class EffectValue(Value, kw_only=True):
+    """A parameter of an effect."""
+
+    std_error: float | Literal['not reached'] | None = None
+
+
+class EffectEntry(Struct, kw_only=True):
+    """An effect at a port; of a free curve, the kind of the port and the signal too."""
+
+    id: str
+    port: str
+    parameters: dict[str, EffectValue]
+    kind: str | UnsetType = UNSET
+    signal: str | UnsetType = UNSET
+    found: str | UnsetType = UNSET
+
+
+class Bag(Struct, kw_only=True):
+    """A recording and its digest."""
+
+    path: str
+    sha256: Digest
+
+
+class Provenance(Struct, kw_only=True):
+    """Where a model comes from."""
+
+    bags: tuple[Bag, ...] = ()
+    test_bags: tuple[Bag, ...] = ()
+    command: str = ''
+    seed: int | None = None
+    version: str = ''
+    method: str | UnsetType = UNSET
+    criterion: str | UnsetType = UNSET
+
+
+class ModelFile(Struct, kw_only=True):
+    """A model of hydro_twin."""
+
+    format: Literal[1]
+    plant: str
+    parameters: dict[str, Estimated]
+    sample_time: Annotated[Positive, Meta(description='[s]')]
+    predictor: str = 'analytical'
+    substeps: Annotated[int, Meta(ge=1, le=1024, description='in a sample')] = 4
+    constants: dict[str, Value] | None = None
+    timing: Annotated[dict[str, float] | None,
+                      Meta(description='how late each input acts [s]')] = None
+    effects: tuple[EffectEntry, ...] | None = None
+    network: Annotated[str | None, Meta(description='file of its weights, beside it')] = None
+    notes: tuple[str, ...] | None = None
+    errors: Annotated[dict[Literal['before', 'after'], Errors] | None,
+                      Meta(description='RMS by part, in the unit of the output')] = None
+    provenance: Provenance | None = None
+
+
+class MapColumn(Struct, kw_only=True, forbid_unknown_fields=True):
+    """A column of a table, or the product of some."""
+
+    column: Column | UnsetType = UNSET
+    product: Annotated[tuple[Column, ...], Meta(min_length=1)] | UnsetType = UNSET
+    unit: Annotated[str, Meta(extra_json_schema={'enum': sorted(UNITS)})] | UnsetType = UNSET
+    scale: Number = 1.0
+    offset: Number = 0.0
+
+
+def one_of(first: str, second: str) -> Meta:
+    """Say that an object has one of two entries, and not both; or it is a text."""
+    return Meta(extra_json_schema={'oneOf': [
+        {'type': 'string'}, *({'type': 'object', 'required': [name]} for name in (first, second))
+    ]})
+
+
+MapEntry = Annotated[str | MapColumn, one_of('column', 'product')]
+
+
+class TableMapFile(Struct, kw_only=True, forbid_unknown_fields=True):
+    """What the columns of a table are, for `hydro-twin import`."""
+
+    signals: dict[str, MapEntry]
+    plant: str = ''
+    time: MapEntry | UnsetType = UNSET
+    sample_rate: Annotated[Number, Meta(description='[Hz]')] | UnsetType = UNSET
+    series: Annotated[Column, Meta(description='a column that changes where a series begins')
+                      ] | UnsetType = UNSET
+    rows: Annotated[tuple[int | None, int | None],
+                    Meta(description='first and last, from 1 up')] | UnsetType = UNSET
+    time_range: Annotated[tuple[Number | None, Number | None],
+                          Meta(description='begin and end [s]')] | UnsetType = UNSET
+    origin: Annotated[str, Meta(description='where the data come from')] = ''
+
+
+class SignalEntry(Struct, kw_only=True, forbid_unknown_fields=True):
+    """Where a signal is in the messages: scale * field + offset."""
+
+    topic: str | UnsetType = UNSET
+    type: Annotated[str, Meta(pattern=f'^{TYPE.pattern}$')] | UnsetType = UNSET
+    field: Annotated[str, Meta(pattern=f'^{FIELD.pattern}$')] | UnsetType = UNSET
+    scale: Number = 1.0
+    offset: Number = 0.0
+
+
+class ConfigParameters(Struct, kw_only=True):
+    """The parameters of the node and of the offline verbs; others are ROS's own."""
+
+    plant: str = ''
+    sample_time: Annotated[Number, Meta(description='[s]')] | UnsetType = UNSET
+    signals: dict[str, SignalEntry] = field(default_factory=dict)
+    constants: dict[str, Number] = field(default_factory=dict)
+    model: str = ''
+    models: tuple[str, ...] = ()
+    mode: Literal['one_step', 'free_run'] = 'one_step'
+    wait: Annotated[float, Meta(ge=0.0, le=10.0, description='[s]')] = 0.1
+    autostart: bool = True
+
+
+class ConfigNode(Struct, kw_only=True):
+    """What one node is given."""
+
+    ros__parameters: ConfigParameters
+
+
+Config = Annotated[dict[str, ConfigNode], Meta(
+    title='ConfigFile', min_length=1,
+    description="A ROS parameter file: name of a node, or '/**', to its parameters.")]
+
+
+class ReportValue(Struct, kw_only=True):
+    """A parameter in a report."""
+
+    value: float
+    unit: str
+    std_error: float | None
+
+
+class Rival(Struct, kw_only=True):
+    """Another effect in the place of one."""
+
+    id: str
+    delta_bic: float
+
+
+class ReportEffect(Struct, kw_only=True):
+    """An effect that was found."""
+
+    id: str
+    port: str
+    or_ports: tuple[str, ...]
+    parameters: dict[str, ReportValue]
+    p_value: float
+    share_of_residual: float
+    certain: bool
+    rivals: tuple[Rival, ...]
+
+
+class Remainder(Struct, kw_only=True):
+    """The residual at the end."""
+
+    white: bool
+    lines_hz: tuple[float, ...]
+    depends_on: tuple[dict[str, Any], ...]
+    when: tuple[dict[str, Any], ...]
+    drifts: bool
+    foretold: dict[str, float]
+    says: str
+
+
+class SeriesEntry(Struct, kw_only=True):
+    """The errors on one series."""
+
+    bag: str
+    before: Errors
+    after: Errors
+
+
+class Hidden(Struct, kw_only=True):
+    """An effect that the recording cannot show."""
+
+    id: str
+    port: str
+    says: str
+
+
+class ReportFile(Struct, kw_only=True):
+    """What `hydro-twin trace` found; errors are RMS in the unit of the output."""
+
+    plant: str
+    verdict: Literal['effect_found', 'nothing_missing', 'unexplained']
+    says: str
+    tested: str
+    effects: tuple[ReportEffect, ...]
+    found: dict[str, Any] | None
+    ambiguous: tuple[tuple[str, ...], ...]
+    before: Errors
+    after: Errors
+    improvement: dict[Literal['relative', 'low', 'high'], float]
+    cannot_show: tuple[Hidden, ...]
+    series: tuple[SeriesEntry, ...]
+    parameters: dict[Literal['before', 'after'], dict[str, ReportValue]]
+    persistence: dict[str, float]
+    noise_floor: float
+    remainder: Remainder
+
+
+DOCUMENTS: Mapping[str, Any] = {
+    'model': ModelFile,
+    'report': ReportFile,
+    'config': Config,
+    'map': Annotated[TableMapFile, one_of('time', 'sample_rate')],
+}
+
+
+def json_schema(document: str) -> dict[str, Any]:
+    """Return the JSON Schema (2020-12) of one of DOCUMENTS."""
+    schema = {'$schema': 'https://json-schema.org/draft/2020-12/schema',
+              **msgspec.json.schema(DOCUMENTS[document])}
+    plain: dict[str, Any] = msgspec.json.decode(msgspec.json.encode(schema))    # no tuples
+    return plain
+
+
+def fault(raw: object, document: str) -> str:
+    """Say in what a document, as YAML or JSON gives it, is not of its type; '' if it is."""
+    try:
+        msgspec.convert(raw, DOCUMENTS[document])
+    except msgspec.ValidationError as error:
+        return str(error)
+    return ''
