@@ -7,6 +7,8 @@ finds a GPU, the batched computation on it is timed too.
 """
 from __future__ import annotations
 
+from collections.abc import Callable
+from functools import partial
 import os
 import resource
 from time import perf_counter
@@ -19,11 +21,21 @@ from hydro_twin.fitting.network import (
     first_weights,
     Job,
     Problem,
-    Settings,
     train_batch,
     train_many,
 )
-from hydro_twin.fitting.rprop import layers
+from hydro_twin.fitting.rprop import (
+    as_tensor,
+    FIRST,
+    gradient,
+    GROW,
+    LARGEST,
+    layers,
+    LEAST,
+    rprop,
+    SHRINK,
+)
+from hydro_twin.predictors.kind import Settings
 
 NETS, PATTERNS = 20, 2985
 SETTINGS = Settings(decay=0.0)
@@ -71,6 +83,42 @@ def ours(problem: Problem, device: str) -> list[float]:
             for t in train_many(problem, jobs, device)]
 
 
+def epochs(step: Callable[[torch.Tensor, torch.Tensor], Callable[[], object]], problem: Problem,
+           count: int = 150) -> tuple[float, torch.Tensor]:
+    """Train one network with the written-out gradient; seconds of processor, and the weights."""
+    torch.set_num_threads(1)
+    sizes = [14, *SETTINGS.hidden, 1]
+    x, y = (as_tensor(a, 'cpu') for a in problem.scaled(problem))
+    weights = as_tensor(first_weights(sizes, 0)[None], 'cpu')
+    slope = torch.empty_like(weights)
+    move = step(weights, slope)
+    begin = processor_time()
+    for _ in range(count):
+        gradient(weights, sizes, x[None], y[None, :, None], 0.0, slope)
+        move()
+    return processor_time() - begin, weights
+
+
+def our_step(weights: torch.Tensor, slope: torch.Tensor) -> Callable[[], object]:
+    return partial(rprop, weights, slope, torch.zeros_like(weights),
+                   torch.full_like(weights, FIRST))
+
+
+def torch_step(weights: torch.Tensor, slope: torch.Tensor) -> Callable[[], object]:
+    weights.grad = slope
+    return torch.optim.Rprop([weights], lr=FIRST, etas=(SHRINK, GROW),
+                             step_sizes=(LEAST, LARGEST)).step
+
+
+def optimisers(problem: Problem) -> None:
+    """Compare our step with that of torch.optim.Rprop, all else the same, turn about."""
+    runs = [(epochs(our_step, problem), epochs(torch_step, problem)) for _ in range(5)]
+    if not all(torch.equal(mine[1], theirs[1]) for mine, theirs in runs):
+        raise SystemExit('torch.optim.Rprop gives other weights than our step')
+    ratio = np.median([theirs[0] / mine[0] for mine, theirs in runs])
+    print(f'an epoch with the step of torch.optim.Rprop: {ratio:.3f} of the time, same digits')
+
+
 def processor_time() -> float:
     """Seconds of this process and of those it has ended: tells on a machine that is shared."""
     usage = (resource.getrusage(who)
@@ -97,6 +145,7 @@ def timed(name: str, reference: tuple[float, list[float]] | None, work: object,
 def main() -> None:
     problem = made_up()
     train_batch(problem, [Job(Settings(epochs=3), 0)])[0].network(problem.regressors[:2])
+    optimisers(problem)
     reference = timed('torch.optim.Rprop, one after another', None, one_after_another, problem)
     cores = len(os.sched_getaffinity(0))
     timed(f'hydro_twin, {cores} processes', reference, ours, problem, 'cpu')

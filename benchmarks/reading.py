@@ -9,6 +9,7 @@ import argparse
 from pathlib import Path
 import tempfile
 import time
+from typing import Any
 
 import numpy as np
 from rosbags.highlevel import AnyReader
@@ -28,7 +29,7 @@ def deserialised(path, signals):
     with AnyReader([path]) as reader:
         connections = [c for c in reader.connections if c.topic in (command, state)]
         for connection, _, raw in reader.messages(connections=connections):
-            message = reader.deserialize(raw, connection.msgtype)
+            message: Any = reader.deserialize(raw, connection.msgtype)
             stamp = message.header.stamp.sec * 1_000_000_000 + message.header.stamp.nanosec
             if connection.topic == command:
                 u_stamps.append(stamp)

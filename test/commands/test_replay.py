@@ -1,6 +1,7 @@
 from dataclasses import replace
 import json
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -42,7 +43,7 @@ def columns(path):
     found = {}
     with AnyReader([path]) as reader:
         for connection, _, raw in reader.messages():
-            message = reader.deserialize(raw, connection.msgtype)
+            message: Any = reader.deserialize(raw, connection.msgtype)
             stamp = message.header.stamp.sec * 10**9 + message.header.stamp.nanosec
             found.setdefault(connection.topic, []).append(
                 (stamp, *message.position, *message.effort))
@@ -70,12 +71,12 @@ def test_errors_are_those_of_a_reader_and_an_equation_of_ones_own(bag, model, ca
         part = slice(400 * k, 400 * (k + 1))
         error.append((y[part][4:] - eq_1(y[part], u[part], theta[part]))[1:])    # as [B19]: from
         kept.append(y[part][5:])                                                # order + 1 on
-    error, kept = np.concatenate(error), np.concatenate(kept)
+    missed, scored = np.concatenate(error), np.concatenate(kept)
     assert result['samples'] == 1200
     assert result['series'] == 3
     assert result['unit'] == 'N m'
-    assert result['one_step']['rmse'] == pytest.approx(np.sqrt(np.mean(error ** 2)), rel=1e-9)
-    fit = 100 * (1 - np.linalg.norm(error) / np.linalg.norm(kept - kept.mean()))
+    assert result['one_step']['rmse'] == pytest.approx(np.sqrt(np.mean(missed ** 2)), rel=1e-9)
+    fit = 100 * (1 - np.linalg.norm(missed) / np.linalg.norm(scored - scored.mean()))
     assert result['one_step']['fit_percent'] == pytest.approx(fit, rel=1e-9)
     steps = np.concatenate([np.diff(y[400 * k + 4:400 * (k + 1)]) for k in range(3)])
     assert result['persistence']['rmse'] == pytest.approx(np.sqrt(np.mean(steps ** 2)), rel=1e-12)

@@ -8,6 +8,7 @@ import signal
 import subprocess
 import sys
 import time
+from typing import Any
 
 from parallel_work import divide, forked, inner, one_dies, slow
 import pytest
@@ -65,7 +66,7 @@ def test_an_error_comes_in_its_turn():
 @several
 def test_calls_that_are_not_exhausted_block_no_other():
     wait_for_workers()
-    first = in_processes(slow, range(50))
+    first: Any = in_processes(slow, range(50))
     second = in_processes(partial(slow, offset=100), range(50))
     assert (next(first)[0], next(second)[0]) == (0, 100)
     assert [value for value, _ in in_processes(slow, range(10))] == list(range(10))

@@ -2,6 +2,7 @@
 from __future__ import annotations
 
 import math
+from random import Random
 
 from hypothesis import given, settings
 from hypothesis import strategies as st
@@ -90,7 +91,7 @@ def test_live_makes_the_samples_of_the_offline_grid(events: list[tuple[int, str,
 
 @given(recordings(), st.randoms(use_true_random=False))
 @settings(max_examples=60, deadline=None)
-def test_the_order_of_topics_does_not_matter(events: list[tuple[int, str, float]], random: object,
+def test_the_order_of_topics_does_not_matter(events: list[tuple[int, str, float]], random: Random
                                              ) -> None:
     """Signals may overtake each other by less than the wait; each keeps its own order."""
     lag = {name: random.randrange(20) * STEP for name in 'udy'}

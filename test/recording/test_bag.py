@@ -1,5 +1,6 @@
 import subprocess
 import sys
+from typing import Any
 
 from bags_by_hand import FLOAT64, float64, header, JOINT_STATE, joint_state, rig, STORE, write_bag
 import numpy as np
@@ -22,7 +23,7 @@ def deserialised(path, signals):
     result = {name: ([], []) for name in signals}
     with AnyReader([path]) as reader:
         for connection, _, raw in reader.messages():
-            message = reader.deserialize(raw, connection.msgtype)
+            message: Any = reader.deserialize(raw, connection.msgtype)
             for name, signal in signals.items():
                 if signal.topic == connection.topic:
                     stamp = message.header.stamp

@@ -17,7 +17,7 @@ def test_one_bag_is_held_at_a_time(tmp_path, monkeypatch):
     bags = [write_bag(tmp_path / str(k), rig(40, start=10**18 + k * 10**12, seed=k))
             for k in range(3)]
     held, still_there = [], []
-    read_signals = read.read_signals
+    read_signals = read.read_signals    # type: ignore[attr-defined]
 
     def watched(*arguments):
         gc.collect()

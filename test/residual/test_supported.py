@@ -16,8 +16,8 @@ from hydro_twin.residual.chain import (
     Ground,
     supported,
 )
-from hydro_twin.residual.proof import Improvement
 from hydro_twin.residual.select import likelihood_gain, search, stretches
+from hydro_twin.result import Improvement
 
 FRICTION = ('friction', 'motor', {'coulomb': 10.0})
 BIAS = ('bias', 'motor', {'offset': 2.0})
