@@ -4,7 +4,7 @@ RUN := $(UV) run
 DEV := $(RUN) --group dev
 BAG := bags/rig_a
 
-.PHONY: demo test bags picture
+.PHONY: demo test docs bags picture
 
 # Fits the linear model to a recording, finds what it lacks, adds that, and compares the two.
 demo: $(UV)
@@ -19,6 +19,10 @@ test: $(UV)
 	$(DEV) ruff check
 	$(DEV) mypy
 	$(DEV) pytest -n 2 --dist loadfile $(if $(CI),-m 'slow or not slow')
+
+# The pages of docs/ and a reference of the docstrings, in out/docs/index.html.
+docs: $(UV)
+	$(RUN) --group docs python -m sphinx -q -W docs out/docs
 
 # Remake the sample recordings, to the byte.
 bags: $(UV)
