@@ -14,7 +14,7 @@ from hydro_twin.plants import Plant, Port
 from hydro_twin.plants.plant import FloatArray
 from hydro_twin.recording.series import Series
 
-CLOSE = 10.0            # difference in BIC below which the data do not tell two laws apart
+CLOSE = 10.0            # difference in BIC below which the data do not decide between two laws
 NEAR = 100.0            # difference in BIC up to which a rival is near
 THIRD, SIXTH = 3, 6     # the test part is the first third of every series, or the second sixth
 
@@ -112,7 +112,7 @@ class NamedEffect:
 
     @property
     def close(self) -> tuple[str, ...]:
-        """The ids of the rivals that the data do not tell from it."""
+        """The ids of the rivals between which and it the data do not decide."""
         return tuple(name for name, distance in self.rivals if distance < CLOSE)
 
 
@@ -123,7 +123,7 @@ class FoundCurve:
     Attributes:
         improvement: of the mean square error on held-out data, against the model without it.
         p_value: of what it adds, for all that was tried.
-        others: (curve elsewhere, difference in BIC), nearest first.
+        others: (curve at another place, difference in BIC), nearest first.
     """
 
     placed: Placed
@@ -188,7 +188,7 @@ class Remainder:
         spells: when much of it comes, if seldom, by bag and time.
         depends_on: port signals that explain some of it, the strongest first.
         drifts: whether the parameters drift over the recording.
-        foretold: (share, p-value) of what the port signals predict of it, in any way.
+        by_ports: (share, p-value) of what the port signals predict of it, in any way.
         loud: whether it is larger than noise can be.
         larger_held_out: whether it is larger on held-out data than by chance.
         structured: whether any test finds structure in it.
@@ -201,7 +201,7 @@ class Remainder:
     spells: tuple[Spell, ...]
     depends_on: tuple[Dependence, ...]
     drifts: bool
-    foretold: tuple[float, float]
+    by_ports: tuple[float, float]
     loud: bool
     larger_held_out: bool
     structured: bool
@@ -276,6 +276,11 @@ class TraceResult:
     noise: float
     fails: bool
     parts: tuple[int, int]
+
+    @property
+    def model(self) -> Model:
+        """The model with all that was found."""
+        return self.after
 
     @property
     def changed(self) -> bool:

@@ -73,21 +73,21 @@ def copy(tmp_path_factory):
     return folder
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize('page', RUN)
-def test_every_command_runs(page, copy, monkeypatch, capsys):
-    monkeypatch.chdir(copy)
-    for arguments in commands(page):
-        assert main(arguments) == 0, arguments
-        assert capsys.readouterr().out
+@pytest.fixture(scope='module')
+def ran(copy):
+    """Run the commands of the pages in their order; returns the folder in which they ran."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.chdir(copy)
+        for page in RUN:
+            for arguments in commands(page):
+                assert main(arguments) == 0, arguments
+    return copy
 
 
 @pytest.mark.slow
-def test_the_figures_of_the_example_are_those_found(copy, monkeypatch, capsys):
-    monkeypatch.chdir(copy)
+def test_the_figures_of_the_example_are_those_found(ran):
     (arguments,) = commands('tracing.md')
-    assert main([*arguments, '--json']) == 0
-    report = json.loads(capsys.readouterr().out)
+    report = json.loads((ran / arguments[-1] / 'report.json').read_text(encoding='utf-8'))
     text = PAGES['tracing.md']
     assert f'> {report["says"]}' in text
 

@@ -104,5 +104,5 @@ def evidence(name, found=True, curve=False, seconds=0.6, source='a bag'):
         depends_on=() if found and not curve else (
             Dependence(port, 'value', 0.625, 3.5e-7, np.linspace(-1.0, 1.0, 5),
                        np.arange(5.0)),),
-        drifts=(0.001, 0.5), foretold=(0.002, 0.75),
+        drifts=(0.001, 0.5), by_ports=(0.002, 0.75),
         found=unexplained(after, train, port) if curve else None)

@@ -40,7 +40,7 @@ def page(result: TraceResult, summary: Mapping[str, Any], provenance: Mapping[st
         provenance=provenance, illustrations=illustrations, series_parts=series_parts,
         found_figure=next((i.name for i in illustrations if i.name.startswith('found_')), ''),
         parts='parts fitted: {}, held out to test: {}'.format(*result.parts),
-        colours={'before': BEFORE, 'after': AFTER}, close=CLOSE, far=NEAR,
+        colours={'before': BEFORE, 'after': AFTER}, close=CLOSE, near=NEAR,
         data={item.name: plain(item) for item in illustrations})
 
 

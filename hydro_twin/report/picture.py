@@ -12,7 +12,7 @@ from hydro_twin.plants.plant import FloatArray, Plant
 from hydro_twin.recording.series import Recording
 
 SHOWN = 1000                                              # samples, of the first series
-COLOURS = ('#d95f02', '#1b9e77', '#7570b3', '#e7298a')    # told apart by the colour-blind too
+COLOURS = ('#d95f02', '#1b9e77', '#7570b3', '#e7298a')    # distinct to the colour-blind, too
 
 
 def draw(recording: Recording, plant: Plant, runs: Mapping[str, Sequence[FloatArray]],

@@ -21,7 +21,7 @@ def summarise(result: TraceResult) -> dict[str, Any]:
     """Lay out a result as the object of `report.json`; errors are RMS in the output's unit."""
     estimates = effect_estimates(result.after)
     remainder = result.remainder
-    share, p_value = remainder.foretold
+    share, p_value = remainder.by_ports
     return {
         'plant': result.plant.name,
         'verdict': result.verdict,
@@ -107,7 +107,7 @@ def remainder_sentence(result: TraceResult) -> str:
         parts.insert(0, f'the model does not fit, by {left.error / result.noise:.0f} times '
                         f'the noise, so that nothing can be said of other effects')
     if not parts and left.structured:
-        parts.append(f'{left.foretold[0]:.0%} of what is left follows what happens at the ports, '
+        parts.append(f'{left.by_ports[0]:.0%} of what is left follows what happens at the ports, '
                      f'by no single curve')
     if parts:
         return '; '.join(parts)
@@ -179,7 +179,7 @@ def effect_estimates(model: Model) -> list[dict[str, Any]]:
 
 
 def parameters(model: Model) -> dict[str, Any]:
-    """Give the plant's parameters with unit and standard error; None where not known alone."""
+    """Give the plant's parameters with unit and standard error; None where not known by itself."""
     units = {p.name: p.unit for p in model.plant.parameters}
     return {name: {'value': p.value, 'unit': units[name], 'std_error': p.std_error}
             for name, p in model.parameters.items()}

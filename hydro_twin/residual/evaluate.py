@@ -108,7 +108,7 @@ def _remainder(found: Evidence) -> Remainder:
     return Remainder(
         error=found.after.error, held_out_error=found.held_out_error, white=found.white,
         lines=found.lines, spells=_spells(found), depends_on=found.depends_on,
-        drifts=drifts(found.drifts), foretold=found.foretold, loud=found.is_loud,
+        drifts=drifts(found.drifts), by_ports=found.by_ports, loud=found.is_loud,
         larger_held_out=found.is_larger_held_out, structured=is_structured(found, LIKELY))
 
 

@@ -35,7 +35,7 @@ class Evidence:
         bursts: when much of what is left comes, if seldom; in `train`, then in `test`.
         depends_on: what the residual of `after` still depends on.
         drifts: (share, p-value) of a drift of the parameters in what is left.
-        foretold: (share, p-value) of what is left that the port signals predict.
+        by_ports: (share, p-value) of what is left that the port signals predict.
         found: a curve without a name, on top of `after`.
         tested: see `TraceResult`.
     """
@@ -57,7 +57,7 @@ class Evidence:
     bursts: tuple[Burst, ...]
     depends_on: tuple[Dependence, ...]
     drifts: tuple[float, float]
-    foretold: tuple[float, float]
+    by_ports: tuple[float, float]
     found: Found | None = None
     tested: int = 0
 

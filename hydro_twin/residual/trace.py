@@ -171,7 +171,7 @@ def _search(train: Recording, test: Recording, plant: Plant,
         lines=tuple(lines(pieces, sample_time)),
         bursts=tuple(bursts(residuals(after, [*whole, *held_out]))),
         depends_on=tuple(dependences(after, fine)), drifts=drift(after),
-        foretold=foretold(after, fine), found=found)
+        by_ports=foretold(after, fine), found=found)
     return traced if traced.fails else replace(traced, hidden=tuple(hidden(after, fine)))
 
 

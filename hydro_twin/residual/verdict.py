@@ -13,7 +13,7 @@ from hydro_twin.result import CLOSE, NamedEffect, NEAR, VerdictKind
 
 LEFT = 0.01             # share of what is left, predicted by the ports, that makes a law wrong
 LIKELY = 0.05           # p-value of that, or any below 1 where what is left has memory
-CLEAN = 2.5             # error over that of the noise, up to which it may be coloured noise alone
+CLEAN = 2.5             # error over that of the noise, up to which it may be coloured noise only
 TELLING = 3000.0        # power explained over the noise's, to tell a law from one a little off
 
 
@@ -26,7 +26,7 @@ def verdict_of(found: Evidence) -> VerdictKind:
 
 def is_structured(found: Evidence, level: float) -> bool:
     """Whether what is left depends on anything, by tests at this level."""
-    share, p_value = found.foretold
+    share, p_value = found.by_ports
     return bool(found.depends_on or found.lines or found.bursts or drifts(found.drifts)
                 or found.is_larger_held_out or found.is_loud or (p_value < level and share > LEFT))
 

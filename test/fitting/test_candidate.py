@@ -1,6 +1,8 @@
 """The state at which a run starts, against the state that made the data."""
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -94,3 +96,9 @@ def test_states_that_the_first_samples_do_not_tell_apart_are_left_alone():
     missed = np.concatenate([np.full(50, 1e-9), np.linspace(1.0, 2.0, 100)])
     rest = _less_start(missed, np.ones((150, 2)), 50)
     np.testing.assert_allclose(rest, missed[50:], rtol=1e-6)
+
+
+def test_a_model_runs_as_the_candidate_it_is_made_of():
+    made = replace(axis(('friction', 'motor', {'coulomb': 20.0})), timing={'force': -4e-4},
+                   substeps=8)
+    assert Candidate.of(made.model()) == made

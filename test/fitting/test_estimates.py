@@ -1,4 +1,6 @@
 """Standard errors of a fit by output error, in the units of the parameters."""
+from dataclasses import replace
+
 import numpy as np
 from trace_by_hand import candidate, parts
 
@@ -8,11 +10,12 @@ from hydro_twin.residual.select import search
 
 def test_a_standard_error_is_what_repeated_recordings_scatter():
     """Of a parameter and of an effect, over recordings with noise of their own."""
-    truth = candidate('positioning', [('friction', 'motor', {'coulomb': 20.0})])
-    fits = [search(truth, parts(truth, 0.6, 0.01, seed), 2) for seed in range(8)]
+    truth = candidate('positioning', [('bias', 'motor', {'offset': 20.0})])
+    start = replace(truth, values={name: 1.1 * value for name, value in truth.values.items()})
+    fits = [search(start, parts(truth, 0.4, 0.01, seed), 20) for seed in range(8)]
     models = [fitted_model(fit, fit.identifiability(), {}) for fit in fits]
     for values, errors in (
             ([m.values['M'] for m in models], [m.parameters['M'].std_error for m in models]),
             ([m.placed[0].values[0] for m in models],
-             [m.effects[0].std_errors['coulomb'] for m in models])):
+             [m.effects[0].std_errors['offset'] for m in models])):
         assert 0.5 < np.std(values, ddof=1) / np.mean(errors) < 2.0

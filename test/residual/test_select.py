@@ -38,6 +38,7 @@ def test_a_bias_may_sit_at_any_of_three_ports():
         assert other.error == pytest.approx(fit.error, rel=1e-3)
 
 
+@pytest.mark.slow
 def test_an_earlier_effect_is_refined_where_another_follows_it():
     alone, parts, _ = fitted(record(STRIBECK, BIAS, noise=0.1))
     plain = tuple(place(*effect, PLANT) for effect in (
@@ -53,6 +54,7 @@ def test_an_earlier_effect_is_refined_where_another_follows_it():
     assert far(finer.candidate, parts) < far(fit.candidate, parts)
 
 
+@pytest.mark.slow
 def test_a_ripple_is_refined_by_its_harmonics():
     waves = {'cosine': 4.0, 'sine': 2.0, 'periods': 300.0, 'sine_2': -2.0, 'cosine_3': 1.0}
     alone, parts, _ = fitted(record(('ripple', 'motor', waves), noise=0.2))
@@ -63,6 +65,7 @@ def test_a_ripple_is_refined_by_its_harmonics():
         assert ripple.named[name] == pytest.approx(value, rel=0.05, abs=0.1)
 
 
+@pytest.mark.slow
 def test_a_delay_that_lags_and_inertia_had_made_up_for():
     both = ('delay', 'command', {'time': 0.008}), ('dead_zone', 'spool', {'width': 4e-6})
     alone, parts, _ = fitted(record(*both, noise=0.3))
@@ -74,6 +77,7 @@ def test_a_delay_that_lags_and_inertia_had_made_up_for():
     assert first.fit.error < 0.99 * base.error
 
 
+@pytest.mark.slow
 def test_what_needs_no_refinement_stays_as_it_is():
     alone, parts, _ = fitted(record(('friction', 'motor', {'coulomb': 6.0}), BIAS))
     placed = (place('friction', 'motor', {'coulomb': 6.0}, PLANT), place(*BIAS, PLANT))
@@ -82,6 +86,7 @@ def test_what_needs_no_refinement_stays_as_it_is():
     assert refine([fit], parts) == [fit]        # a bias has none
 
 
+@pytest.mark.slow
 def test_a_refinement_that_nothing_needs_any_more_is_taken_out():
     alone, parts, _ = fitted(record(('friction', 'motor', {'coulomb': 6.0}), BIAS))
     placed = (place('friction', 'motor', {'coulomb': 6.0, 'bristle_stiffness': 1e5}, PLANT),

@@ -65,6 +65,7 @@ def test_data_that_were_not_fitted_are_likelier_with_what_is_there(both):
     assert likelihood_gain(stretches(chain.fit), stretches(alone)) < 0.0
 
 
+@pytest.mark.slow
 def test_the_best_fit_without_an_effect_is_remembered_in_the_order_of_the_chain(both):
     """What an effect had drawn the others to is no good place to do without it."""
     chain, _, ground = grown(both, FRICTION, BIAS)
@@ -82,6 +83,7 @@ def test_the_best_fit_without_an_effect_is_remembered_in_the_order_of_the_chain(
     assert fit.error == pytest.approx(swapped.error, rel=1e-3)
 
 
+@pytest.mark.slow
 def test_an_effect_is_proven_by_the_whole_interval_of_its_improvement(both, monkeypatch):
     """However much likelier the data are with it."""
     chain, alone, ground = grown(both, FRICTION, BIAS)

@@ -57,14 +57,14 @@ def test_a_law_is_not_certain_where_much_is_left(rubbing):
     assert not any(one.certain for one in named_effects(more))
 
 
-def test_a_law_is_not_certain_where_memory_is_left_that_the_ports_foretell(rubbing):
+def test_a_law_is_not_certain_where_memory_is_left_that_the_ports_predict(rubbing):
     alone = replace(rubbing, findings=tuple(
         replace(finding, rivals=()) for finding in rubbing.findings))
-    doubtful = (0.1, 0.2)       # a tenth is foretold, which noise might be once in five times
-    for white, foretold, certain in ((True, doubtful, True), (False, doubtful, False),
+    doubtful = (0.1, 0.2)       # a tenth is predicted, which noise might be once in five times
+    for white, by_ports, certain in ((True, doubtful, True), (False, doubtful, False),
                                      (False, (0.1, 1.0), True), (False, (0.001, 0.2), True)):
-        found = named_effects(replace(alone, white=white, foretold=foretold))
-        assert all(one.certain == certain for one in found), (white, foretold)
+        found = named_effects(replace(alone, white=white, by_ports=by_ports))
+        assert all(one.certain == certain for one in found), (white, by_ports)
 
 
 @pytest.mark.parametrize(('travel', 'others'), [(0.0, ['ripple']), (0.05, ['ripple']), (0.3, [])])
