@@ -4,6 +4,8 @@ from pathlib import Path
 from setuptools import find_packages, setup
 
 NAME = 'hydro_twin'
+# A link to scripts/verb for each: colcon must know them without importing the package.
+VERBS = sorted(path.name for path in Path('scripts').iterdir() if path.name != 'verb')
 B19, L18 = f'{NAME}.studies.b19', f'{NAME}.studies.l18'
 
 
@@ -35,8 +37,7 @@ setup(
         (f'share/{NAME}', ['package.xml']),
         # For `ros2 run`. As console scripts, `node` and `import` would end up in the PATH of a
         # plain install, before Node.js and ImageMagick.
-        (f'lib/{NAME}', [f'scripts/{path.name}' for path in Path('scripts').iterdir()
-                          if path.name != 'verb']),
+        (f'lib/{NAME}', [f'scripts/{name}' for name in VERBS]),
         *share('config', '*'),
         *share('launch', '*_launch.py'),
         *share('bags', '*'),
