@@ -43,12 +43,14 @@ class Span:
         low, high: least and largest value that leaves the port.
         signals: largest magnitude of each signal there.
         travel: of each signal there, from its least to its largest.
+        measured: least and largest output measured, but for a hundredth of the samples.
     """
 
     low: float
     high: float
     signals: Mapping[str, float]
     travel: Mapping[str, float]
+    measured: tuple[float, float]
     sample_time: float
 
     @property

@@ -16,7 +16,7 @@ def equations(p: SimpleNamespace, x: SimpleNamespace, u: SimpleNamespace, port: 
     command = port('command', u.command)
     error = port('converter', command - x.y)
     c = port('pilot', x.c)
-    speed = port('actuator', c / p.T_c, opening=x.c, position=x.y)
+    speed = port('actuator', c / p.T_c, opening=x.c, position=x.a)
     a = port('linkage', x.a)
     stem = port('stem', x.y)
     port('sensor', stem)

@@ -52,6 +52,7 @@ def spans(candidate: Candidate, parts: Sequence[Part]) -> dict[Port, Span]:
         seen = np.nan_to_num(seen[candidate.start_up:])
         low, high = np.minimum(low, seen.min(axis=0)), np.maximum(high, seen.max(axis=0))
     largest = np.maximum(np.maximum(abs(low), abs(high)), 1e-12)
+    edges = np.quantile(np.concatenate([part.measured for part in parts]), [0.005, 0.995])
     found, at = {}, len(plant.ports)
     for row, port in enumerate(plant.ports):
         here = slice(at, at + len(port.signals))
@@ -59,7 +60,7 @@ def spans(candidate: Candidate, parts: Sequence[Part]) -> dict[Port, Span]:
             float(low[row]), float(high[row]),
             dict(zip(port.signals, largest[here].tolist(), strict=True)),
             dict(zip(port.signals, (high - low)[here].tolist(), strict=True)),
-            candidate.sample_time)
+            (float(edges[0]), float(edges[1])), candidate.sample_time)
         at = here.stop
     return found
 

@@ -7,7 +7,7 @@ from hydro_twin.effects import EFFECTS, MODULES, sites, Span
 from hydro_twin.plants import PLANTS
 
 IDS = {'friction', 'dead_zone', 'backlash', 'saturation', 'rate_limit', 'hysteresis', 'delay',
-       'asymmetry', 'bias', 'orifice', 'leakage', 'stiffening', 'ripple', 'gain'}
+       'asymmetry', 'bias', 'orifice', 'leakage', 'stiffening', 'ripple', 'gain', 'end_stop'}
 SITES = [(plant, effect, port) for plant in PLANTS.values() for effect in EFFECTS
          for port in sites(effect, plant)]
 
@@ -20,16 +20,17 @@ def named(site):
 def wide(port):
     """Make a span in which every signal moves enough to show anything."""
     largest = {name: 5e6 if unit == 'Pa' else 3.0 for name, unit in port.signals.items()}
-    return Span(-2.0, 2.0, largest, {name: 2 * size for name, size in largest.items()}, 0.002)
+    return Span(-2.0, 2.0, largest, {name: 2 * size for name, size in largest.items()},
+                (-2.0, 2.0), 0.002)
 
 
 def test_every_id_exists():
     assert {effect.id for effect in EFFECTS} == IDS
 
 
-def test_the_load_simulator_takes_all_but_the_valves_gain():
+def test_the_load_simulator_takes_all_but_the_valves_gain_and_end_stop():
     assert {effect.id for plant, effect, _ in SITES
-            if plant.name == 'load_simulator'} == IDS - {'gain'}
+            if plant.name == 'load_simulator'} == IDS - {'gain', 'end_stop'}
 
 
 def test_a_model_file_names_one_law():
@@ -84,7 +85,8 @@ def test_starts_follow_the_unit_of_the_port(site):
     """In millivolts instead of volts, a search begins at the same place."""
     _, effect, port = site
     span = wide(port)
-    thousand = Span(1e3 * span.low, 1e3 * span.high, span.signals, span.travel, span.sample_time)
+    thousand = Span(1e3 * span.low, 1e3 * span.high, span.signals, span.travel, span.measured,
+                    span.sample_time)
     for one, other in zip(effect.starts(span), effect.starts(thousand), strict=True):
         for p, a, b in zip(effect.parameters, one, other, strict=True):
             in_value = p.unit == 'value' and p.refinement is None
@@ -118,22 +120,27 @@ def test_units_of_a_port():
 def test_ripple_is_told_from_a_bias_only_by_most_of_a_period():
     ripple = next(effect for effect in EFFECTS if effect.id == 'ripple')
     span = Span(-1.0, 1.0, {'velocity': 1.0, 'position': 1.0}, {'velocity': 2.0, 'position': 0.5},
-                0.002)
+                (-1.0, 1.0), 0.002)
     assert not ripple.distinguishable(span, (1.0, 0.0, 2 * math.pi))
     assert ripple.distinguishable(span, (1.0, 0.0, 4 * math.pi))
 
 
 def test_dead_zone_is_told_from_a_bias_only_where_it_is_entered():
     dead_zone = next(effect for effect in EFFECTS if effect.id == 'dead_zone')
-    assert not dead_zone.distinguishable(Span(0.2, 1.0, {}, {}, 0.002), (0.1, 0.0, 0.0))
-    assert not dead_zone.distinguishable(Span(-1.0, -0.2, {}, {}, 0.002), (0.1, 0.0, 0.0))
-    assert dead_zone.distinguishable(Span(0.0, 1.0, {}, {}, 0.002), (0.1, 0.0, 0.0))
-    assert dead_zone.distinguishable(Span(0.01, 1.0, {}, {}, 0.002), (0.1, 0.0, 0.2))
+
+    def shows(low, high, leak=0.0):
+        span = Span(low, high, {}, {}, (0.0, 1.0), 0.002)
+        return dead_zone.distinguishable(span, (0.1, 0.0, leak))
+
+    assert not shows(0.2, 1.0)
+    assert not shows(-1.0, -0.2)
+    assert shows(0.0, 1.0)
+    assert shows(0.01, 1.0, leak=0.2)
 
 
 def test_dead_zone_holds_rest_and_lets_little_pass():
     dead_zone = next(effect for effect in EFFECTS if effect.id == 'dead_zone')
-    span = Span(-1.0, 1.0, {}, {}, 0.002)
+    span = Span(-1.0, 1.0, {}, {}, (0.0, 1.0), 0.002)
     assert dead_zone.distinguishable(span, (0.1, -0.05, 0.3))
     assert not dead_zone.distinguishable(span, (0.1, -0.15, 0.0))
     assert not dead_zone.distinguishable(span, (0.1, 0.0, 0.7))

@@ -19,7 +19,7 @@ NEUTRAL = {   # parameters with which a law changes nothing
     'delay': (0.0,),
     'asymmetry': (0.0,), 'bias': (0.0,), 'orifice': (INF,), 'leakage': (0.0, 0.5),
     'stiffening': (0.0, 0.0, 1.0),
-    'ripple': (0.0, 0.0, 9.0, 0.0, 0.0, 0.0, 0.0), 'gain': (0.0,),
+    'ripple': (0.0, 0.0, 9.0, 0.0, 0.0, 0.0, 0.0), 'gain': (0.0,), 'end_stop': (-1e9, 1e9),
 }
 SITES = [(plant, effect, port) for plant in PLANTS.values() for effect in EFFECTS
          for port in sites(effect, plant)]
@@ -143,6 +143,60 @@ def test_friction_takes_energy_over_every_cycle(parameters):
     dry = work - viscous
     assert dry > 0.9 * parameters['coulomb'] * travel
     assert dry < 1.02 * (parameters['coulomb'] + parameters.get('stribeck', 0.0)) * travel
+
+
+STOPPED = [(plant, port) for plant, effect, port in SITES if effect.id == 'end_stop']
+
+
+@pytest.mark.parametrize(('plant', 'port'), STOPPED, ids=lambda one: one.name)
+@pytest.mark.parametrize('substeps', [1, 4, 16])
+def test_an_end_stop_takes_just_the_speed_that_leads_beyond(plant, port, substeps):
+    """Complementarity: within the stroke it adds nothing, at its end it pushes back only."""
+    placed = place('end_stop', port.name, {'lower': -0.4, 'upper': 0.2}, plant)
+    k = len(plant.ports) + sum(len(p.signals) for p in plant.ports[:plant.ports.index(port)])
+    row = k + list(port.signals).index('position')
+    step = np.concatenate([np.full(400, 1e3), np.full(600, -1e3)])[:, None]
+    inputs = (smooth(plant, 1000) if plant.name != 'cylinder' else step * 1e-3 * values(
+        plant)['tau'])
+    system = assemble(plant, values(plant), [placed], plant.sample_time, substeps)
+    linear = assemble(plant, values(plant), [], plant.sample_time)
+    inputs *= 3.0 / np.abs(linear.run(inputs, np.zeros(plant.order))).max()     # well beyond
+    seen = np.empty((1000, len(system.step.H)))
+    system.run(inputs, np.zeros(plant.order), seen=seen)
+    position = seen[:, row]
+    assert position.max() == pytest.approx(0.2, abs=1e-9)
+    assert position.min() == pytest.approx(-0.4, abs=1e-9)
+    speed = seen[:, plant.ports.index(port)]        # that the drive asks for
+    at_upper = position > 0.2 - 1e-9
+    stays = at_upper[:-1] & at_upper[1:]
+    assert stays.any()
+    assert (speed[:-1][stays] > -1e-3 * np.abs(speed).max()).all()      # driven against it
+
+
+def test_a_cylinder_leaves_its_end_as_soon_as_it_is_driven_back():
+    """Against the law by scipy, with the events of a stop; what winds up would be late."""
+    plant = PLANTS['cylinder']
+    p = values(plant) | {'tau': 0.02, 'K_v': 0.5}
+    t = plant.sample_time * np.arange(1500)
+    command = np.sin(2 * np.pi * 0.5 * t)
+
+    def rates(time, x):
+        q, position = x
+        speed = p['K_v'] * q
+        blocked = (position >= 0.1 and speed > 0) or (position <= -0.05 and speed < 0)
+        held = command[min(int(time / plant.sample_time + 1e-9), len(t) - 1)]
+        return [(held - q) / p['tau'], 0.0 if blocked else speed]
+
+    x, true = np.zeros(2), [0.0]
+    fine = plant.sample_time / 200
+    for k in range((len(t) - 1) * 200):
+        x = x + fine * np.array(rates(k * fine, x))
+        x[1] = min(max(x[1], -0.05), 0.1)
+        if (k + 1) % 200 == 0:
+            true.append(x[1])
+    placed = place('end_stop', 'piston', {'lower': -0.05, 'upper': 0.1}, plant)
+    found = assemble(plant, p, [placed]).run(command[:, None], np.zeros(2))
+    np.testing.assert_allclose(found, true, atol=2e-4)
 
 
 def test_a_delay_of_whole_samples_shifts_the_output():
