@@ -174,14 +174,34 @@ class Candidate:
             parts: what is run over.
             starts: of the runs, to save the search for them.
         """
-        response = self.free_response(max(len(part.measured) for part in parts))
-        shown = np.sqrt(np.mean(response[:self.start_up]**2, axis=0))
-        response /= np.where(shown > 0.0, shown, 1.0)
+        response = self._scaled_response(max(len(part.measured) for part in parts))
         residuals = []
         for part, start in zip(parts, starts or map(self.start, parts), strict=True):
             missed = part.measured - self.system.run(part.inputs, start.x, start.z)
             residuals.append(_less_start(missed, response[:len(missed)], self.start_up))
         return residuals
+
+    def residuals_from(self, parts: Sequence[Part], states: Sequence[FloatArray]
+                       ) -> list[FloatArray]:
+        """Find the residuals of runs from given states, less what others explain by linear laws.
+
+        A quicker `fitted_residuals`, to compare many effects: no start is searched, and what
+        effects keep is nought at first.
+
+        Args:
+            parts: what is run over.
+            states: of each part, (n,).
+        """
+        response = self._scaled_response(max(len(part.measured) for part in parts))
+        return [_less_start(part.measured - self.system.run(part.inputs, x),
+                            response[:len(part.measured)], self.start_up)
+                for part, x in zip(parts, states, strict=True)]
+
+    def _scaled_response(self, samples: int) -> FloatArray:
+        """Return `free_response`, each column over its RMS in the start-up."""
+        response = self.free_response(samples)
+        shown = np.sqrt(np.mean(response[:self.start_up]**2, axis=0))
+        return response / np.where(shown > 0.0, shown, 1.0)
 
 
 def _less_start(missed: FloatArray, response: FloatArray, start_up: int) -> FloatArray:

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
+from itertools import pairwise
 import math
 
 import numpy as np
@@ -20,6 +21,7 @@ from hydro_twin.predictors.scores import rms
 
 ENOUGH = 8_000          # scored samples
 STRETCH = 1_500         # samples of a stretch, with those that only set the state
+HORIZON = 10.0          # [s] of a window where the plant integrates, see `integrates`
 FILLED = 0.8            # most that stretches cover, so that they need not keep step with a motion
 COARSEST = 8            # factor that leaves enough of a stretch to be scored
 HARMLESS = 0.01         # change of the output by thinning, as a share of the residual
@@ -43,7 +45,10 @@ def excerpt(parts: Sequence[Part], plant: Plant, sample_time: float, factor: int
     least = least_samples(plant, factor * sample_time) * factor
     parts = [part for part in parts if len(part.measured) >= least]
     if sum(len(part.measured) - start_up for part in parts) <= ENOUGH:
-        return parts
+        if not integrates(plant):
+            return parts
+        longest = max(round(HORIZON / sample_time), least)
+        return [window for part in parts for window in windows(part, longest, least)]
     enough, scored = factor * ENOUGH, STRETCH - factor * plant.start_samples(factor * sample_time)
     total = sum(len(part.measured) for part in parts)
     rng = np.random.default_rng(0)
@@ -57,6 +62,24 @@ def excerpt(parts: Sequence[Part], plant: Plant, sample_time: float, factor: int
             cut.append(Part(part.inputs[begin:begin + length],
                             part.measured[begin:begin + length], part.source))
     return cut[::max(1, len(cut) * scored // (2 * enough))]
+
+
+def integrates(plant: Plant) -> bool:
+    """Whether the output of a plant keeps what its states once were.
+
+    Then a long free run adds up what its laws miss, and what happened first weighs most.
+    """
+    middle = {p.name: math.sqrt(p.lower * p.upper) for p in plant.parameters}
+    poles = np.linalg.eigvals(plant.laws(plant.constant_values() | middle).A)
+    return bool(np.abs(poles).min() < 1e-9 * np.abs(poles).max())
+
+
+def windows(part: Part, longest: int, least: int) -> list[Part]:
+    """Cut a part into equal windows of at most `longest` samples, but of `least` at least."""
+    n = len(part.measured)
+    edges = np.linspace(0, n, min(math.ceil(n / longest), n // least) + 1).astype(int)
+    return [Part(part.inputs[a:b], part.measured[a:b], part.source, part.start)
+            for a, b in pairwise(edges)]
 
 
 def thin(parts: Sequence[Part], plant: Plant, factor: int) -> list[Part]:

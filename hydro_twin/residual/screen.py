@@ -85,9 +85,10 @@ def screen(fit: Fit, parts: Sequence[Part]) -> list[Prospect]:
     power = float(residual @ residual)
     starts = [placed for effect, port in places(candidate.plant, candidate.effects)
               for placed in _starts(effect, port, reach[port])]
+    without = _without(fit, parts)
     prospects: dict[tuple[str, str], list[Prospect]] = {}
     for placed, moved in zip(
-            starts, in_processes(partial(_response, fit, parts, basis), starts), strict=True):
+            starts, in_processes(partial(_response, without, parts, basis), starts), strict=True):
         size = float(moved @ moved)
         along = float(moved @ residual)
         if not math.isfinite(size) or size <= 0.0:
@@ -120,10 +121,28 @@ def _untuned(output: FloatArray, basis: FloatArray) -> FloatArray:
     return rest
 
 
-def _response(fit: Fit, parts: Sequence[Part], basis: FloatArray, placed: Placed) -> FloatArray:
+@dataclass(frozen=True)
+class _Without:
+    """A model before an effect is added: its states at the starts, and what it misses, (N,)."""
+
+    candidate: Candidate
+    states: list[FloatArray]
+    residual: FloatArray
+
+
+def _without(fit: Fit, parts: Sequence[Part]) -> _Without:
+    """Run a fitted model as `_response` runs it with an effect."""
+    states = [fit.candidate.start(part).x for part in parts]
+    return _Without(fit.candidate, states,
+                    np.concatenate(fit.candidate.residuals_from(parts, states)))
+
+
+def _response(without: _Without, parts: Sequence[Part], basis: FloatArray, placed: Placed
+              ) -> FloatArray:
     """Return how an effect would move the output, beyond what re-tuning could do, (N,)."""
-    candidate = replace(fit.candidate, effects=(*fit.candidate.effects, placed))
-    return _untuned(fit.residual - np.concatenate(candidate.fitted_residuals(parts)), basis)
+    candidate = replace(without.candidate, effects=(*without.candidate.effects, placed))
+    left = np.concatenate(candidate.residuals_from(parts, without.states))
+    return _untuned(without.residual - left, basis)
 
 
 def _promise(prospect: Prospect) -> float:
@@ -144,7 +163,7 @@ def hidden(fit: Fit, parts: Sequence[Part]) -> list[Hidden]:
     visible = VISIBLE * float(noise @ noise) / len(noise)
     everywhere = places(fit.candidate.plant, fit.candidate.effects)
     begun = [_starts(effect, port, reach[port]) for effect, port in everywhere]
-    showing = in_processes(partial(_shows, fit, parts, basis, visible), begun)
+    showing = in_processes(partial(_shows, _without(fit, parts), parts, basis, visible), begun)
     found = []
     for (effect, port), shown in zip(everywhere, showing, strict=True):
         if not shown or effect.beyond_reach:
@@ -156,11 +175,11 @@ def hidden(fit: Fit, parts: Sequence[Part]) -> list[Hidden]:
     return found
 
 
-def _shows(fit: Fit, parts: Sequence[Part], basis: FloatArray, visible: float,
+def _shows(without: _Without, parts: Sequence[Part], basis: FloatArray, visible: float,
            starts: Sequence[Placed]) -> bool:
     """Whether an effect moves the output visibly at any start; the strongest come last."""
     for placed in reversed(starts):
-        moved = _response(fit, parts, basis, placed)
+        moved = _response(without, parts, basis, placed)
         if visible <= float(moved @ moved) < math.inf:
             return True
     return False

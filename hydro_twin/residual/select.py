@@ -17,6 +17,7 @@ from scipy import stats
 
 from hydro_twin.effects import Placed
 from hydro_twin.fitting.candidate import Candidate, Part
+from hydro_twin.fitting.equation_error import one_step_values
 from hydro_twin.fitting.free_run import (
     effect_unknowns,
     Fit,
@@ -141,7 +142,7 @@ def contend(base: Fit, parts: Sequence[Part], most: int, afresh: bool,
     A small score does not rule an effect out: re-tuning may imitate it where the base stands,
     but not where the full fit would stand; an effect that hides in this way always has its turn.
     And a strong effect bends the linear fit so far that no path leads on from there, so a first
-    round also starts from the middle of the box.
+    round also starts from the middle of the box, or from the fit by one-step error.
 
     Args:
         base: what they are added to.
@@ -162,12 +163,7 @@ def contend(base: Fit, parts: Sequence[Part], most: int, afresh: bool,
             for placed in (*shortlist(prospects, most), *hiding)]
     plain = list(known)
     if afresh:
-        middle = {name: math.exp(0.5 * (low + high))
-                  for name, (low, high) in usual(base.candidate.plant).items()}
-        linear = replace(base.candidate, values={**base.candidate.values, **middle}, timing={})
-        plain += nearest([Placed(effect, port, tuple(values))
-                          for effect, port in places(linear.plant, linear.effects)
-                          for values in effect.starts(reach[port])], linear, parts)
+        plain += nearest(linear_starts(base.candidate, parts), parts)
     tried = []
     problems = [*_problems(plain, parts), *_problems(near, parts, base)]   # the long ones first
     for fit in solve_all(problems, SHORT, 1e-5):
@@ -189,16 +185,45 @@ def with_effect(candidate: Candidate, placed: Placed) -> Candidate:
                    timing={} if placed.effect.shifts else candidate.timing)
 
 
-def nearest(starts: Sequence[Placed], linear: Candidate, parts: Sequence[Part]
-            ) -> list[Candidate]:
-    """Add to linear laws, of the starts of each effect at each port, the one that misses least."""
-    tried = [with_effect(linear, placed) for placed in starts]
-    missed = in_processes(partial(far, parts=parts), tried)
-    best: dict[tuple[str, str], tuple[float, int]] = {}
-    for k, (placed, misses) in enumerate(zip(starts, missed, strict=True)):
-        place = placed.effect.id, placed.port.name
-        best[place] = min(best.get(place, (math.inf, k)), (misses, k))
-    return [tried[k] for _, k in best.values()]
+def linear_starts(candidate: Candidate, parts: Sequence[Part]) -> list[Candidate]:
+    """List linear models to begin at: the middle of the box, and the fit by the one-step error.
+
+    What the model lacks may bend the fit of the free run until no search leads back.
+    """
+    plant = candidate.plant
+    middle = {name: math.exp(0.5 * (low + high)) for name, (low, high) in usual(plant).items()}
+    by_one_step = one_step_values(plant, parts, candidate.values, candidate.sample_time)
+    return [replace(candidate, values={**candidate.values, **values}, timing={})
+            for values in (middle, by_one_step) if values is not None]
+
+
+def with_each(linear: Candidate, parts: Sequence[Part]) -> list[Candidate]:
+    """Add each effect at each port to a model, from each of its starts."""
+    reach = spans(linear, parts)
+    return [with_effect(linear, Placed(effect, port, tuple(values)))
+            for effect, port in places(linear.plant, linear.effects)
+            for values in effect.starts(reach[port])]
+
+
+def nearest(models: Sequence[Candidate], parts: Sequence[Part]) -> list[Candidate]:
+    """Add each effect at each port to that model, from that start, with which it misses least."""
+    best: dict[tuple[str, str], tuple[float, Candidate]] = {}
+    for model in models:
+        tried = with_each(model, parts)
+        states = [model.start(part).x for part in parts]
+        for candidate, misses in zip(
+                tried, in_processes(partial(_missed, parts=parts, states=states), tried),
+                strict=True):
+            last = candidate.effects[-1]
+            place = last.effect.id, last.port.name
+            if place not in best or misses < best[place][0]:
+                best[place] = misses, candidate
+    return [candidate for _, candidate in best.values()]
+
+
+def _missed(candidate: Candidate, parts: Sequence[Part], states: Sequence[FloatArray]) -> float:
+    """RMS of the residual from given states, very large where the run diverges."""
+    return rms(np.nan_to_num(np.concatenate(candidate.residuals_from(parts, states)), nan=1e30))
 
 
 def far(candidate: Candidate, parts: Sequence[Part]) -> float:

@@ -39,7 +39,7 @@ def valve_servo(v, x, u, d):
     linkage = a + d[4]
     stem = y + d[5]
     return ([(v['k_1'] * error - c) / v['T_y'], speed, (linkage - y) / v['tau']],
-            [command, error, pilot, speed, linkage, stem, stem + d[6]], [c, y])
+            [command, error, pilot, speed, linkage, stem, stem + d[6]], [c, a])
 
 
 def cylinder(v, x, u, d):

@@ -31,6 +31,15 @@ def test_what_is_short_is_kept_whole():
     assert excerpt(parts, PLANT, DT) == parts
 
 
+def test_a_plant_that_integrates_is_cut_into_windows():
+    plant, sample_time = plant_named('cylinder'), 0.05
+    cut = excerpt([part(1000, 'a'), part(250, 'b'), part(90, 'c')], plant, sample_time)
+    assert [len(p.measured) for p in cut] == [200] * 5 + [125] * 2 + [90]
+    np.testing.assert_array_equal(np.concatenate([p.measured for p in cut[:5]]), np.arange(1000))
+    whole = [part(1000, 'a')]
+    assert excerpt(whole, plant_named('control_valve'), 1.0) == whole
+
+
 @pytest.mark.parametrize('lengths', [(1_800_000,), (100_000, 100_000), (7_000, 3_000, 500),
                                      (600,) * 400])
 def test_enough_is_kept_from_begin_to_end(lengths):
