@@ -13,7 +13,7 @@ from hydro_twin.recording.table_map import UNITS
 # YAML reads 1e-3, without a point, as text.
 Text = Annotated[str, Meta(pattern=r'^[-+]?[0-9.]+([eE][-+]?[0-9]+)?$')]
 Number = float | Text
-Column = str | float                # the name of a column may be a number
+Column = str | float                # a name that may be a number
 Positive = Annotated[float, Meta(gt=0.0)]
 Errors = dict[str, dict[str, float | None]]      # mode -> part -> RMS
 Digest = Annotated[str, Meta(pattern='^[0-9a-f]{64}$')]
@@ -23,7 +23,7 @@ class Value(Struct, kw_only=True):
     """A number with its unit."""
 
     value: float
-    unit: str = ''
+    unit: Column = ''               # YAML reads 1, of what has no dimension, as a number
 
 
 class Estimated(Value, kw_only=True):

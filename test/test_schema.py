@@ -56,6 +56,14 @@ def test_the_schemas_are_schemas(kind):
     assert not valid({}, kind)
 
 
+@pytest.mark.parametrize('path', sorted((CONFIG.parent / 'docs' / 'measured').glob('*.yaml')),
+                         ids=lambda path: path.stem)
+def test_models_written_by_hand_are_read(path):
+    """Their unit may be 1, which YAML reads as a number."""
+    assert valid(yaml.safe_load(path.read_text('utf-8')), 'model')
+    assert read_model(path).placed
+
+
 @pytest.mark.parametrize('path', FILES, ids=lambda path: path.stem)
 def test_what_is_shipped_is_valid(path):
     assert valid(yaml.safe_load(path.read_text('utf-8')), 'config' if is_config(path) else 'map')

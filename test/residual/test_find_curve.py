@@ -22,7 +22,7 @@ from hydro_twin.residual.curve import (
 from hydro_twin.residual.passing import passing
 from hydro_twin.residual.screen import spans
 from hydro_twin.residual.select import search
-from hydro_twin.residual.structure import free_curves
+from hydro_twin.residual.structure import free_curves, shows
 
 
 def test_a_linear_rig_has_none():
@@ -67,7 +67,7 @@ def uneven():
 def test_one_is_found_where_only_all_ports_together_show(uneven):
     fit, train, test, curves = uneven
     hidden = [replace(curve, p_value=1.0) for curve in curves]
-    assert not any(curve.shows for curve in hidden)
+    assert not any(shows(curve) for curve in hidden)
     assert find_curve(fit, train, test, hidden, 0) is not None
 
 
