@@ -11,11 +11,12 @@ from scipy.linalg import expm
 
 from hydro_twin.effects import Placed
 from hydro_twin.errors import DataError
-from hydro_twin.fitting.start import find_start, Start
+from hydro_twin.fitting.start import find_start, Start, start_tangent, without_start
 from hydro_twin.model import Estimate, FittedEffect, Model
 from hydro_twin.plants import Plant
 from hydro_twin.plants.plant import FloatArray
 from hydro_twin.predictors.scores import rms
+from hydro_twin.predictors.sensitivities import NONE, run_with_slopes
 from hydro_twin.predictors.system import assemble, System
 from hydro_twin.recording.series import Recording
 
@@ -138,11 +139,6 @@ class Candidate:
         return find_start(self.system, self.free_response(n), part.inputs[:n], part.measured[:n],
                           least)
 
-    def start_near(self, part: Part, near: Start) -> Start:
-        """Find it by one step from the start of a candidate that hardly differs."""
-        n = near.gain.shape[1]
-        return near.moved(part.measured[:n] - self.system.run(part.inputs[:n], near.x, near.z))
-
     def free_response(self, samples: int) -> FloatArray:
         """How the output moves with the state at the start, linear laws, (samples, n)."""
         laws = self.system.laws
@@ -150,6 +146,12 @@ class Candidate:
         while len(response) < samples:
             response, step = np.vstack([response, response @ step]), step @ step
         return response[:samples]
+
+    @cached_property
+    def usual_response(self) -> FloatArray:
+        """RMS of the output's response to the state at the start, linear laws, (n,)."""
+        response: FloatArray = np.sqrt(np.mean(self.free_response(self.start_up)**2, axis=0))
+        return response
 
     def run(self, part: Part, seen: FloatArray | None = None) -> FloatArray:
         """Run freely over a part, from the state that its first samples show; (N,)."""
@@ -162,23 +164,21 @@ class Candidate:
 
     def fitted_residuals(self, parts: Sequence[Part], starts: Sequence[Start] = ()
                          ) -> list[FloatArray]:
-        """Find the residual of each part that is left if the whole of it tells its start.
+        """Find the residual of each part that is left if the whole of it shows its start.
 
-        The first samples tell it with some error, which lasts where the plant integrates, or
-        forgets slowly, and would be taken for an error of the laws. So a fit takes off what a
-        better state would, by the linear laws, weighing first and later samples by how well they
-        are met: what the laws miss later on must not be blamed on the start. What is not fitted
-        has only its first samples to go by.
+        See `without_start`. What is not fitted has only its first samples to go by.
 
         Args:
             parts: what is run over.
             starts: of the runs, to save the search for them.
         """
-        response = self._scaled_response(max(len(part.measured) for part in parts))
+        tangent = start_tangent(self.system)
         residuals = []
         for part, start in zip(parts, starts or map(self.start, parts), strict=True):
-            missed = part.measured - self.system.run(part.inputs, start.x, start.z)
-            residuals.append(_less_start(missed, response[:len(missed)], self.start_up))
+            y, slopes = run_with_slopes(self.system, NONE, tangent, part.inputs, start.x,
+                                        start.z)
+            residuals.append(without_start(part.measured - y, slopes, self.usual_response,
+                                           self.start_up).residual)
         return residuals
 
     def residuals_from(self, parts: Sequence[Part], states: Sequence[FloatArray]
@@ -192,28 +192,8 @@ class Candidate:
             parts: what is run over.
             states: of each part, (n,).
         """
-        response = self._scaled_response(max(len(part.measured) for part in parts))
-        return [_less_start(part.measured - self.system.run(part.inputs, x),
-                            response[:len(part.measured)], self.start_up)
+        response = self.free_response(max(len(part.measured) for part in parts))
+        return [without_start(part.measured - self.system.run(part.inputs, x),
+                              response[:len(part.measured)], self.usual_response,
+                              self.start_up).residual
                 for part, x in zip(parts, states, strict=True)]
-
-    def _scaled_response(self, samples: int) -> FloatArray:
-        """Return `free_response`, each column over its RMS in the start-up."""
-        response = self.free_response(samples)
-        shown = np.sqrt(np.mean(response[:self.start_up]**2, axis=0))
-        return response / np.where(shown > 0.0, shown, 1.0)
-
-
-def _less_start(missed: FloatArray, response: FloatArray, start_up: int) -> FloatArray:
-    """Take off what another start would, by the responses to it, from what was missed."""
-    first, later = missed[:start_up], missed[start_up:]
-    if not np.isfinite(missed).all():
-        return later
-    weight = (rms(later) / max(rms(first), 1e-6 * rms(later), 1e-150)) ** 2
-    normal = (response[start_up:].T @ response[start_up:]
-              + max(weight, 1.0) * response[:start_up].T @ response[:start_up])
-    # Relative, too: where the first samples weigh most, they may not tell every state.
-    normal += (1e-4 + 1e-12 * np.trace(normal)) * np.eye(len(normal))
-    rest: FloatArray = later - response[start_up:] @ np.linalg.solve(
-        normal, response[start_up:].T @ later)
-    return rest

@@ -7,19 +7,23 @@ from functools import partial
 import math
 
 import numpy as np
-from scipy.optimize import least_squares, OptimizeResult
 
 from hydro_twin.effects import Placed
 from hydro_twin.fitting.candidate import Candidate, Part
 from hydro_twin.fitting.identifiability import assess, Identifiability
-from hydro_twin.fitting.parallel import in_processes, in_threads
-from hydro_twin.fitting.start import Start
+from hydro_twin.fitting.parallel import in_processes
+from hydro_twin.fitting.start import Reduced, Start, without_start
 from hydro_twin.plants import Plant
 from hydro_twin.plants.plant import FloatArray
 from hydro_twin.predictors.scores import rms
+from hydro_twin.predictors.sensitivities import Directions, run_with_slopes, tangent_of
 
 WALL = 3e-3             # weight of the search box, see `Problem`
 MIDDLE = 1e-4           # weight of its middle
+DAMPING = 1e-3          # of the first step, over the diagonal of the normal matrix
+LONGEST = 2.0           # step of a coordinate: a factor of 7, beyond which derivatives say little
+INSIDE = 1e-9           # distance to a bound, relative
+SMALLEST = 1e-8         # step that ends a search
 
 
 @dataclass(frozen=True)
@@ -193,6 +197,32 @@ def label(unknown: Unknown) -> str:
     return unknown.name if unknown.owner == '' else f'{unknown.owner}:{unknown.name}'
 
 
+@dataclass(frozen=True)
+class Found:
+    """Where a search ended.
+
+    Attributes:
+        coordinates: of the unknowns, (d,).
+        residual: of all parts, scored samples only, (N,).
+        slopes: rise of the output by each coordinate, (N, d).
+        pulled: what leaving the usual values costs, to be squared, (2 d,).
+        starts: of each part.
+        reason: of stopping.
+    """
+
+    coordinates: FloatArray
+    residual: FloatArray
+    slopes: FloatArray
+    pulled: FloatArray
+    starts: tuple[Start, ...]
+    reason: str = ''
+
+    @property
+    def cost(self) -> float:
+        """Sum of squares."""
+        return float(self.residual @ self.residual + self.pulled @ self.pulled)
+
+
 class Problem:
     """The search for unknowns on parts, by the residual of the free run.
 
@@ -201,18 +231,14 @@ class Problem:
     as an error of 0.3 % of the output all over, and a still weaker pull keeps to its middle (to
     the start, for effects).
 
-    Given a tangent, a fit near by, the derivatives by its unknowns are taken from there: for a
-    short search, at a third of the cost.
+    The states at the starts of the parts are unknowns, too, which are eliminated.
     """
 
-    def __init__(self, base: Candidate, unknowns: Sequence[Unknown], parts: Sequence[Part],
-                 tangent: Fit | None = None) -> None:
+    def __init__(self, base: Candidate, unknowns: Sequence[Unknown], parts: Sequence[Part]
+                 ) -> None:
         self.base = base
         self.unknowns = tuple(unknowns)
         self.parts = parts
-        self.known = {} if tangent is None else {
-            label(u): column for u, column in zip(tangent.unknowns, tangent.jacobian.T,
-                                                  strict=True)}
         self.size = max(rms(np.concatenate([p.measured - p.measured.mean() for p in parts])),
                         1e-300)
         self.lengths = tuple(len(part.measured) - base.start_up for part in parts)
@@ -222,66 +248,81 @@ class Problem:
         starts = [u.coordinate(get(base, u)) for u in self.unknowns]
         self.middle = np.array([0.5 * (low + high) if math.isfinite(low) else start
                                 for (low, high), start in zip(edges, starts, strict=True)])
-        self._at = np.empty(0)
-        self._starts: list[Start] = []
 
     def pull(self, coordinates: FloatArray) -> FloatArray:
         """Return what the coordinates cost by themselves, (2 d,), to be squared."""
         outside = np.maximum(np.maximum(coordinates - self.high, self.low - coordinates), 0.0)
         return self.size * np.concatenate([
-            WALL * math.sqrt(sum(self.lengths)) * outside,
-            MIDDLE * (coordinates - self.middle)])
+            self.wall * outside, MIDDLE * (coordinates - self.middle)])
+
+    @property
+    def wall(self) -> float:
+        """Weight of the box."""
+        return WALL * math.sqrt(sum(self.lengths))
+
+    def pull_stiffness(self, coordinates: FloatArray) -> FloatArray:
+        """Return the second derivative of half the square of the pull, (d,)."""
+        outside = (coordinates > self.high) | (coordinates < self.low)
+        stiffness: FloatArray = self.size**2 * (self.wall**2 * outside + MIDDLE**2)
+        return stiffness
+
+    def pull_slope(self, coordinates: FloatArray) -> FloatArray:
+        """Return the derivative of half the square of the pull, (d,)."""
+        outside = coordinates - np.clip(coordinates, self.low, self.high)
+        slope: FloatArray = self.size**2 * (
+            self.wall**2 * outside + MIDDLE**2 * (coordinates - self.middle))
+        return slope
 
     def candidate(self, coordinates: FloatArray) -> Candidate:
         """Set the coordinates of the unknowns."""
         values = [u.value(float(c)) for u, c in zip(self.unknowns, coordinates, strict=True)]
         return put(self.base, self.unknowns, values)
 
-    def residual(self, coordinates: FloatArray, near: Sequence[Start] = ()) -> FloatArray:
-        """Residual of all parts, then the pull; a run that diverged counts as very far off.
+    def directions(self, candidate: Candidate) -> tuple[Directions, list[int]]:
+        """Say how a run moves with the coordinates, and which of them each column is."""
+        plant, laws, shifts = [], [], []
+        T, inputs = candidate.sample_time, candidate.plant.inputs
+        for k, unknown in enumerate(self.unknowns):
+            worth = get(candidate, unknown) if unknown.log else unknown.scale
+            if unknown.owner == '':
+                plant.append((k, (unknown.name, worth)))
+            elif unknown.owner == 'timing':
+                shifts.append((k, [worth / T * (signal.name == unknown.name)
+                                   for signal in inputs]))
+            else:
+                placed = candidate.effects[int(unknown.owner)]
+                effect, begin = placed.effect, candidate.system.begins[int(unknown.owner)]
+                if begin < 0:
+                    shifts.append((k, [worth / T * (signal.held or effect.shifts == 'all')
+                                       for signal in inputs]))
+                else:
+                    laws.append((k, (begin + list(placed.named).index(unknown.name), worth)))
+        order = [k for some in (plant, laws, shifts) for k, _ in some]
+        by = Directions([d for _, d in plant], [d for _, d in laws], [d for _, d in shifts])
+        return by, order
+
+    def at(self, coordinates: FloatArray, starts: Sequence[Start]) -> tuple[Found, list[Reduced]]:
+        """Run over all parts, with derivatives; a run that diverged counts as very far off.
 
         Args:
             coordinates: of the unknowns.
-            near: for each part its start at coordinates that hardly differ, if known.
+            starts: of each part.
         """
         candidate = self.candidate(coordinates)
-        starts = ([candidate.start_near(part, start) for part, start in
-                   zip(self.parts, near, strict=True)] if near else self.starts(coordinates))
-        pieces = candidate.fitted_residuals(self.parts, starts)
-        pieces.append(self.pull(coordinates))
-        whole = np.concatenate(pieces)
-        far = 1e3 * self.size
-        return np.clip(np.nan_to_num(whole, nan=far), -far, far)
-
-    def starts(self, coordinates: FloatArray) -> list[Start]:
-        """Find the start of each part, once where the residual and its derivatives are asked."""
-        if not np.array_equal(coordinates, self._at):
-            candidate = self.candidate(coordinates)
-            self._at = coordinates.copy()
-            self._starts = [candidate.start(part) for part in self.parts]
-        return self._starts
-
-    def jacobian(self, coordinates: FloatArray) -> FloatArray:
-        """Differences of the residual by each coordinate, (N + 2 d, d)."""
-        _, upper = self.bounds()
-        step = np.full(len(coordinates), 1e-5)
-        step[coordinates + step > upper] *= -1.0
-        moved = [coordinates + step[i] * np.eye(len(coordinates))[i]
-                 for i in range(len(coordinates))]
-        near = self.starts(coordinates)
-        here = self.residual(coordinates, near)
-        scored = sum(self.lengths)
-        columns = np.empty((len(here), len(coordinates)))
-        search = [i for i, u in enumerate(self.unknowns) if label(u) not in self.known]
-        runs = in_threads(lambda c: self.residual(c, near), [moved[i] for i in search])
-        for i, there in zip(search, runs, strict=True):
-            columns[:, i] = (there - here) / step[i]
-        pulled = self.pull(coordinates)
-        for i, unknown in enumerate(self.unknowns):
-            if label(unknown) in self.known:
-                columns[:scored, i] = -self.known[label(unknown)]
-                columns[scored:, i] = (self.pull(moved[i]) - pulled) / step[i]
-        return columns
+        by, order = self.directions(candidate)
+        system = candidate.system
+        tangent = tangent_of(system, candidate.values, by)
+        reduced, far = [], 1e3 * self.size
+        for part, start in zip(self.parts, starts, strict=True):
+            y, slopes = run_with_slopes(system, by, tangent, part.inputs, start.x, start.z)
+            others = np.empty((len(y), by.count))
+            others[:, order] = slopes[:, :by.count]
+            missed = np.clip(np.nan_to_num(part.measured - y, nan=far), -far, far)
+            reduced.append(without_start(missed, slopes[:, by.count:], candidate.usual_response,
+                                         candidate.start_up, others))
+        return Found(coordinates, np.concatenate([r.residual for r in reduced]),
+                     np.concatenate([r.slopes for r in reduced]), self.pull(coordinates),
+                     tuple(starts)), reduced
 
     def bounds(self) -> tuple[FloatArray, FloatArray]:
         """Lower and upper bounds of the coordinates."""
@@ -296,23 +337,82 @@ class Problem:
         """Search from the base, within the bounds."""
         return self.fit(self.search(evaluations, tolerance))
 
-    def search(self, evaluations: int, tolerance: float) -> OptimizeResult:
-        """Search, and return what scipy says of it."""
-        lower, upper = self.bounds()
-        start = np.array([u.coordinate(get(self.base, u)) for u in self.unknowns])
-        inside = 1e-9 * np.maximum(1.0, np.abs(start))
-        start = np.clip(start, lower + inside, upper - inside)
-        return least_squares(self.residual, start, jac=self.jacobian, bounds=(lower, upper),
-                             method='trf', x_scale=1.0, max_nfev=evaluations, ftol=tolerance,
-                             xtol=1e-8, gtol=1e-12)
+    def search(self, evaluations: int, tolerance: float) -> Found:
+        """Search by Levenberg and Marquardt's method, bounds by an active set.
 
-    def fit(self, found: OptimizeResult) -> Fit:
+        The damping follows [Nielsen 1999]. The states at the starts move with the unknowns, as
+        the linear elimination says; after a step that failed, not of themselves.
+
+        Args:
+            evaluations: most runs over the parts.
+            tolerance: relative reduction of the sum of squares that ends it.
+        """
+        # A hair within the bounds: at one there may be a kink, and its other side counts for
+        # nothing, as where a command acts a whole sample early.
+        lower, upper = self.bounds()
+        hair = INSIDE * np.maximum(1.0, np.abs(np.nan_to_num(np.stack([lower, upper]), posinf=0.0,
+                                                             neginf=0.0)))
+        lower, upper = lower + hair[0], upper - hair[1]
+        begin = np.array([u.coordinate(get(self.base, u)) for u in self.unknowns])
+        here, reduced = self.at(np.clip(begin, lower, upper),
+                                [self.base.start(part) for part in self.parts])
+        damping, growth = DAMPING, 2.0
+        own, reason = 1.0, 'evaluations'
+        for _ in range(evaluations - 1):
+            slope = self.pull_slope(here.coordinates) - here.slopes.T @ here.residual
+            normal = here.slopes.T @ here.slopes + np.diag(self.pull_stiffness(here.coordinates))
+            step = bounded_step(normal + damping * np.diag(np.diag(normal)), slope,
+                                lower - here.coordinates, upper - here.coordinates)
+            hoped = -float(2.0 * slope @ step + step @ normal @ step)
+            if hoped <= 0.1 * tolerance * here.cost or rms(step) < SMALLEST:
+                reason = 'converged'
+                break
+            there, then = self.at(here.coordinates + step, [
+                start.moved(own * r.step + r.follows @ step)
+                for start, r in zip(here.starts, reduced, strict=True)])
+            gained = here.cost - there.cost
+            ratio = gained / hoped
+            if gained > 0.0:
+                done = gained < tolerance * here.cost and ratio > 0.25
+                here, reduced = there, then
+                damping *= max(1.0 / 3.0, 1.0 - (2.0 * ratio - 1.0) ** 3)
+                growth, own = 2.0, 1.0
+                if done:
+                    reason = 'converged'
+                    break
+            else:
+                damping *= growth
+                growth, own = 2.0 * growth, 0.0
+        return replace(here, reason=reason)
+
+    def fit(self, found: Found) -> Fit:
         """Take what a search has found."""
-        scored = sum(self.lengths)
-        pulled = found.fun[scored:]
-        jacobian = np.asarray(found.jac, dtype=np.float64)
-        return Fit(self.candidate(found.x), self.unknowns, np.asarray(found.fun[:scored]),
-                   -jacobian[:scored], self.lengths, float(pulled @ pulled))
+        return Fit(self.candidate(found.coordinates), self.unknowns, found.residual, found.slopes,
+                   self.lengths, float(found.pulled @ found.pulled))
+
+
+def bounded_step(normal: FloatArray, slope: FloatArray, lower: FloatArray, upper: FloatArray
+                 ) -> FloatArray:
+    """Minimise slope s + s normal s / 2 over steps s between bounds, by an active set.
+
+    What meets a bound stays there, and the others are solved for again. No coordinate moves by
+    more than `LONGEST`.
+    """
+    step = np.zeros(len(slope))
+    held = ((lower >= 0.0) & (slope > 0.0)) | ((upper <= 0.0) & (slope < 0.0))
+    low, high = np.maximum(lower, -LONGEST), np.minimum(upper, LONGEST)
+    for _ in range(len(slope)):
+        free = ~held
+        if not free.any():
+            break
+        right = -slope[free] - normal[np.ix_(free, held)] @ step[held]
+        step[free] = np.linalg.solve(normal[np.ix_(free, free)], right)
+        beyond = free & ((step < low) | (step > high))
+        step = np.clip(step, low, high)
+        if not beyond.any():
+            break
+        held |= beyond
+    return step
 
 
 def solve_all(problems: Sequence[Problem], evaluations: int = 40, tolerance: float = 1e-6

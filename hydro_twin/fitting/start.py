@@ -1,42 +1,99 @@
 """The state at which a run starts, as the first samples measured show it."""
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 import math
 
 import numpy as np
 
 from hydro_twin.plants.plant import FloatArray
 from hydro_twin.predictors.scores import rms
+from hydro_twin.predictors.sensitivities import NONE, run_with_slopes, Tangent, tangent_of
 from hydro_twin.predictors.system import IntArray, System
 
 MOVES = 0.5             # of the mean square missed: less is left where a run starts otherwise
 NEARER = 0.9            # of the mean square missed: more is left by the last step of a search
 NEAR = 0.05             # of the movement: a start that misses less is not on a wrong side
 STEPS = 8               # of that search
+HIDDEN = 1e-6           # of the response that a state has by the linear laws: none
 HELD = 0.01             # cost of a deviation from rest, over that of as large an output
 DAMPED = (HELD, 0.3, 10.0)      # and of one from the last step
 
 
 @dataclass(frozen=True)
 class Start:
-    """The state at which a run starts.
-
-    Attributes:
-        x: the state, (n,).
-        z: what the effects keep, (memory,).
-        gain: how both, one after the other, follow the first outputs measured, (n + memory, N).
-    """
+    """The state at which a run starts: x (n,), and what the effects keep, z (memory,)."""
 
     x: FloatArray
     z: FloatArray
-    gain: FloatArray
 
-    def moved(self, missed: FloatArray) -> Start:
-        """Follow outputs missed, (N,), by one step."""
-        step = self.gain @ np.nan_to_num(missed)
+    def moved(self, step: FloatArray) -> Start:
+        """Move both, one after the other, by a step (n + memory,)."""
         n = len(self.x)
-        return replace(self, x=self.x + step[:n], z=self.z + step[n:])
+        return Start(self.x + step[:n], self.z + step[n:])
+
+
+def start_tangent(system: System) -> Tangent:
+    """Prepare a run for its derivatives by the state at its start only."""
+    return tangent_of(system, {}, NONE)
+
+
+@dataclass(frozen=True)
+class Reduced:
+    """A run over a part from which the state at the start is eliminated.
+
+    Attributes:
+        residual: measured less run over the scored samples, less what a better start explains.
+        slopes: how the output rises by the other unknowns, the start following, (scored, d).
+        step: to the better start, (n + memory,).
+        follows: how that start moves with the other unknowns, (n + memory, d).
+    """
+
+    residual: FloatArray
+    slopes: FloatArray
+    step: FloatArray
+    follows: FloatArray
+
+
+def without_start(missed: FloatArray, by_start: FloatArray, usual: FloatArray, start_up: int,
+                  by_others: FloatArray | None = None) -> Reduced:
+    """Eliminate the state at the start of a run by linear least squares (variable projection).
+
+    The first samples show it with some error, which lasts where the plant integrates, or forgets
+    slowly, and would be taken for an error of the laws. So what a better state explains is taken
+    off, weighing first and later samples by how well they are met: what the laws miss later on
+    must not be blamed on the start.
+
+    Args:
+        missed: measured less run, (N,).
+        by_start: derivatives of the run by the state at the start, (N, n + memory).
+        usual: how much of that the linear laws have, RMS, (n,). Less than `HIDDEN` of it says
+            nothing of the state, as where a piston stands at the end of its stroke.
+        start_up: first samples, which are not scored.
+        by_others: derivatives of the run by other unknowns, (N, d).
+    """
+    others = np.zeros((len(missed), 0)) if by_others is None else by_others
+    first, later = missed[:start_up], missed[start_up:]
+    shown = np.sqrt(np.mean(by_start[:start_up]**2, axis=0))
+    at_all = np.sqrt(np.mean(by_start**2, axis=0))
+    at_all[:len(usual)][at_all[:len(usual)] < HIDDEN * usual] = 0.0
+    shown = np.where(shown > 1e-6 * at_all, shown, at_all)
+    shown = np.where(at_all > 0.0, shown, np.inf)
+    columns = by_start / shown
+    if not (np.isfinite(missed).all() and np.isfinite(columns).all()):
+        nothing = np.zeros((by_start.shape[1], others.shape[1]))
+        return Reduced(later, others[start_up:], nothing.sum(axis=1), nothing)
+    weight = max((rms(later) / max(rms(first), 1e-6 * rms(later), 1e-150)) ** 2, 1.0)
+    early, late = columns[:start_up], columns[start_up:]
+    normal = late.T @ late + weight * early.T @ early
+    # Relative, too: where the first samples weigh most, they may not show every state.
+    normal += (1e-4 + 1e-12 * np.trace(normal)) * np.eye(len(normal))
+    both = np.column_stack([later, others[start_up:]])
+    begun = np.column_stack([first, others[:start_up]])
+    found = np.linalg.solve(normal, late.T @ both + weight * early.T @ begun)
+    left = both - late @ found
+    found /= shown[:, None]
+    return Reduced(left[:, 0], left[:, 1:], found[:, 0], -found[:, 1:])
 
 
 def find_start(system: System, response: FloatArray, inputs: FloatArray, measured: FloatArray,
@@ -66,6 +123,8 @@ def find_start(system: System, response: FloatArray, inputs: FloatArray, measure
     units = np.diag(scale)
     linear = np.hstack([response * scale[:n], np.zeros((len(measured), len(width)))])
 
+    tangent = start_tangent(system)
+
     def at(state: FloatArray) -> _At:
         missed = measured - system.run(inputs, state[:n], state[n:])
         power = float(missed @ missed)
@@ -93,11 +152,10 @@ def find_start(system: System, response: FloatArray, inputs: FloatArray, measure
         return there if there.power < enough * here.power else here
 
     def slopes(here: _At, free: IntArray) -> FloatArray:
-        """Differences of the output by free coordinates, inwards from an edge, (N, n + memory)."""
+        """Return the derivatives of the output by free coordinates, (N, n + memory)."""
         columns = np.zeros(linear.shape)
-        for i in free:
-            inwards = -0.01 if i >= n and here.state[i] > kept[i - n].mean() else 0.01
-            columns[:, i] = (here.missed - at(here.state + inwards * units[i]).missed) / inwards
+        _, found = run_with_slopes(system, NONE, tangent, inputs, here.state[:n], here.state[n:])
+        columns[:, free] = (found * scale)[:, free]
         return columns
 
     def search(here: _At, free: IntArray) -> tuple[_At, FloatArray]:
@@ -114,8 +172,8 @@ def find_start(system: System, response: FloatArray, inputs: FloatArray, measure
         return here, gain(columns, HELD)
 
     here = at(np.concatenate([rest, np.zeros(len(width))]))
-    if len(system.table) == 0:
-        return _start(step(here, linear, HELD, 1.0), gain(linear, HELD), n)
+    if len(system.step.effects) == 0:
+        return _start(step(here, linear, HELD, 1.0), n)
     best, follows = search(here, every[every < n])
     if best.power > (NEAR * size) ** 2 * len(measured):
         sides = [best.state + side * unit for unit in units[:n] for side in (-1.0, 1.0)]
@@ -128,7 +186,7 @@ def find_start(system: System, response: FloatArray, inputs: FloatArray, measure
             there, others = search(there, every)
             if there.power < MOVES * best.power:
                 best, follows = there, others
-    return _start(best, follows, n)
+    return _start(best, n)
 
 
 @dataclass(frozen=True)
@@ -140,5 +198,5 @@ class _At:
     power: float
 
 
-def _start(here: _At, gain: FloatArray, n: int) -> Start:
-    return Start(here.state[:n], here.state[n:], gain)
+def _start(here: _At, n: int) -> Start:
+    return Start(here.state[:n], here.state[n:])

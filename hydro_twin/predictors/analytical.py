@@ -36,9 +36,9 @@ class Analytical:
         self.sample_time = model.sample_time
         self.system = assemble(model.plant, model.values, model.placed, model.sample_time,
                                model.substeps, model.timing)
-        shifted = bool(np.any(self.system.shift))
+        shifted = bool(np.any(self.system.step.shift))
         self.linear = (assemble(model.plant, model.values, (), model.sample_time)
-                       if len(self.system.table) or shifted else None)
+                       if len(self.system.step.effects) or shifted else None)
         self.equation = bilinear(self.system.laws, model.sample_time)
 
     def inputs(self, series: Series) -> FloatArray:
@@ -80,9 +80,9 @@ class FreeRun:
 
     def __init__(self, system: System) -> None:
         self.system = system
-        late = int(np.ceil(max(system.shift, default=0.0)))
+        late = int(np.ceil(max(system.step.shift, default=0.0)))
         self.keep = max(HISTORY, late + 8)
-        self.inputs = np.zeros((2 * self.keep, len(system.shift)))
+        self.inputs = np.zeros((2 * self.keep, len(system.step.shift)))
         self.k = -1
         self.x = np.zeros(len(system.laws.A))
         self.z = np.zeros(system.memory)
@@ -98,11 +98,9 @@ class FreeRun:
         self.inputs[self.k] = inputs
         if self.k == 0:
             self.x[:] = s.start(inputs, _first(measured))
-            y = kernel.output(s.H, s.table, s.active, s.p, s.shift, self.x, self.z, self.work,
-                              self.inputs, 0)
+            y = kernel.output(s.step, self.x, self.z, self.work, self.inputs, 0)
         else:
-            y = kernel.advance(s.M, s.H, s.table, s.active, s.p, s.shift, s.held, s.substeps,
-                               s.sample_time, self.x, self.z, self.work, self.inputs, self.k)
+            y = kernel.live_step(self.x, self.z, self.work, self.inputs, self.k, *s.step)
         return y if abs(y) < kernel.LIMIT else math.nan
 
 

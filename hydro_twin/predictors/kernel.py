@@ -7,20 +7,50 @@ effects the step is exact at any length.
 
 The memory z is that of the effects, then for each effect what an implicit one added last.
 
-Everything a step needs is in a few plain arrays, see `System` in system.py:
-    M (n, n + 2m + 2P): x, inputs at begin and end, what effects add at begin and end -> next x
-    H (P + S, n + m + P): x, inputs, what effects add -> values of the ports, then their signals
-    table (K, 9): for each effect its code, port, two signal rows (-1: none), where its parameters
-        and its memory begin and end, and whether it is implicit
-    active (Q,): the ports with effects that are not implicit
+Everything a step needs is in one `Step`, see `assemble` in system.py.
 """
 from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+import numpy.typing as npt
 
 from hydro_twin.compiled import compiled
 from hydro_twin.effects.dispatch import apply
 
-CODE, PORT, SIGNAL_0, SIGNAL_1, P_BEGIN, P_END, Z_BEGIN, Z_END, IMPLICIT = range(9)
+# An effect on a port: the code of its law, the port, the rows of the signals it reads (-1: none),
+# where its parameters and its memory begin and end, and whether it is implicit.
+ENTRY = np.dtype([(name, np.int64) for name in (
+    'code', 'port', 'signal_0', 'signal_1', 'p_begin', 'p_end', 'z_begin', 'z_end', 'implicit')])
+
 LIMIT = 1e12                                # an output beyond this has diverged
+
+
+class Step(NamedTuple):
+    """What a step needs, for n states, m inputs, P ports with S signals, K effects.
+
+    Attributes:
+        M: (n, n + 2m + 2P): x, inputs at begin and end, what effects add at both -> next x.
+        H: (P + S, n + m + P): x, inputs, what effects add -> values of the ports, then signals.
+        effects: (K,) of `ENTRY`.
+        active: the ports with effects that are not implicit, (Q,).
+        p: parameters of the effects, one after another.
+        shift: how late each input acts [samples], at least -1, (m,).
+        held: which inputs keep their value until the next sample, (m,).
+        substeps: steps in a sample.
+        sample_time: [s].
+    """
+
+    M: npt.NDArray[np.float64]
+    H: npt.NDArray[np.float64]
+    effects: npt.NDArray[np.void]
+    active: npt.NDArray[np.int64]
+    p: npt.NDArray[np.float64]
+    shift: npt.NDArray[np.float64]
+    held: npt.NDArray[np.bool_]
+    substeps: int
+    sample_time: float
 
 
 @compiled
@@ -72,53 +102,59 @@ def observe(H, row, x, u, d, active):  # type: ignore[no-untyped-def]
 
 
 @compiled
-def add_effects(H, table, active, p, x, u, z, h, s, z_next, d):  # type: ignore[no-untyped-def]
+def add_effects(step, x, u, z, h, s, z_next, d):  # type: ignore[no-untyped-def]
     """Write into d what the explicit effects add to each port, in the order of the table."""
+    H, active = step.H, step.active
     for i in active:
         d[i] = 0.0
     for i in range(len(z)):
         z_next[i] = z[i]
-    for e in range(len(table)):
-        if table[e, IMPLICIT]:
+    for e in range(len(step.effects)):
+        effect = step.effects[e]
+        if effect.implicit:
             continue
-        port = table[e, PORT]
-        before = observe(H, port, x, u, d, active) + d[port]
-        if table[e, SIGNAL_0] >= 0:
-            s[0] = observe(H, table[e, SIGNAL_0], x, u, d, active)
-        if table[e, SIGNAL_1] >= 0:
-            s[1] = observe(H, table[e, SIGNAL_1], x, u, d, active)
-        after = apply(table[e, CODE], before, s, p[table[e, P_BEGIN]:table[e, P_END]],
-                      z[table[e, Z_BEGIN]:table[e, Z_END]], h, 0.0,
-                      z_next[table[e, Z_BEGIN]:table[e, Z_END]])
-        d[port] += after - before
+        before = observe(H, effect.port, x, u, d, active) + d[effect.port]
+        if effect.signal_0 >= 0:
+            s[0] = observe(H, effect.signal_0, x, u, d, active)
+        if effect.signal_1 >= 0:
+            s[1] = observe(H, effect.signal_1, x, u, d, active)
+        after = apply(effect.code, before, s, step.p[effect.p_begin:effect.p_end],
+                      z[effect.z_begin:effect.z_end], h, 0.0,
+                      z_next[effect.z_begin:effect.z_end])
+        d[effect.port] += after - before
 
 
 @compiled
-def advance(  # type: ignore[no-untyped-def]
-        M, H, table, active, p, shift, held, substeps, sample_time, x, z, work, inputs, k):
+def inputs_over(step, part, inputs, k, begin, end):  # type: ignore[no-untyped-def]
+    """Write the inputs at begin and end of a part of the step from sample k-1 to sample k."""
+    for j in range(len(step.shift)):
+        now = inputs[k - 1, j]
+        if step.shift[j] != 0.0:
+            begin[j], end[j] = input_between(
+                inputs, j, step.held[j], k, part / step.substeps - step.shift[j],
+                (part + 1) / step.substeps - step.shift[j])
+        elif step.held[j]:
+            begin[j], end[j] = now, now
+        else:
+            slope = (inputs[k, j] - now) / step.substeps
+            begin[j], end[j] = now + part * slope, now + (part + 1) * slope
+
+
+@compiled
+def advance(step, x, z, work, inputs, k):  # type: ignore[no-untyped-def]
     """Step x and z in place from sample k-1 to sample k of the inputs; returns the output at k.
 
-    shift is how late each input acts [samples], at least -1; work is scratch, eight rows of the
-    largest of n, m, P and the length of z.
+    work is scratch, eight rows of the largest of n, m, P and the length of z.
     """
-    n, m = len(x), len(shift)
+    M, H, active, p = step.M, step.H, step.active, step.p
+    n, m, K = len(x), len(step.shift), len(step.effects)
     P = H.shape[1] - n - m
     begin, end, linear, ahead = work[0, :m], work[1, :m], work[2, :n], work[3, :n]
     d0, d1, z_next, s = work[4, :P], work[5, :P], work[6, :len(z)], work[7]
-    h = sample_time / substeps
-    kept = len(z) - len(table)
-    for step in range(substeps):
-        for j in range(m):
-            now = inputs[k - 1, j]
-            if shift[j] != 0.0:
-                begin[j], end[j] = input_between(
-                    inputs, j, held[j], k, step / substeps - shift[j],
-                    (step + 1) / substeps - shift[j])
-            elif held[j]:
-                begin[j], end[j] = now, now
-            else:
-                slope = (inputs[k, j] - now) / substeps
-                begin[j], end[j] = now + step * slope, now + (step + 1) * slope
+    h = step.sample_time / step.substeps
+    kept, at = len(z) - K, n + 2 * m
+    for part in range(step.substeps):
+        inputs_over(step, part, inputs, k, begin, end)
         for i in range(n):
             value = 0.0
             for j in range(n):
@@ -126,34 +162,33 @@ def advance(  # type: ignore[no-untyped-def]
             for j in range(m):
                 value += M[i, n + j] * begin[j] + M[i, n + m + j] * end[j]
             linear[i] = value
-        if len(table) > 0:
-            at = n + 2 * m
-            add_effects(H, table, active, p, x, begin, z, 0.0, s, z_next, d0)
+        if K > 0:
+            add_effects(step, x, begin, z, 0.0, s, z_next, d0)
             for i in range(n):
                 value = linear[i]
                 for j in active:
                     value += (M[i, at + j] + M[i, at + P + j]) * d0[j]
-                for e in range(len(table)):
-                    if table[e, IMPLICIT]:
-                        j = table[e, PORT]
+                for e in range(K):
+                    if step.effects[e].implicit:
+                        j = step.effects[e].port
                         value += (M[i, at + j] + M[i, at + P + j]) * z[kept + e]
                 ahead[i] = value
-            add_effects(H, table, active, p, ahead, end, z, h, s, z_next, d1)
+            add_effects(step, ahead, end, z, h, s, z_next, d1)
             for i in range(n):
                 for j in active:
                     linear[i] += M[i, at + j] * d0[j] + M[i, at + P + j] * d1[j]
-            for e in range(len(table)):
-                if not table[e, IMPLICIT]:
+            for e in range(K):
+                effect = step.effects[e]
+                if not effect.implicit:
                     continue
-                port = table[e, PORT]
+                port = effect.port
                 compliance = 0.0
                 for i in range(n):
-                    compliance += H[table[e, SIGNAL_0], i] * (
-                        M[i, at + port] + M[i, at + P + port])
-                s[0] = observe(H, table[e, SIGNAL_0], linear, end, d1, active)
-                added = apply(table[e, CODE], 0.0, s, p[table[e, P_BEGIN]:table[e, P_END]],
-                              z[table[e, Z_BEGIN]:table[e, Z_END]], h, compliance,
-                              z_next[table[e, Z_BEGIN]:table[e, Z_END]])
+                    compliance += H[effect.signal_0, i] * (M[i, at + port] + M[i, at + P + port])
+                s[0] = observe(H, effect.signal_0, linear, end, d1, active)
+                added = apply(effect.code, 0.0, s, p[effect.p_begin:effect.p_end],
+                              z[effect.z_begin:effect.z_end], h, compliance,
+                              z_next[effect.z_begin:effect.z_end])
                 for i in range(n):
                     linear[i] += (M[i, at + port] + M[i, at + P + port]) * added
                 z_next[kept + e] = added
@@ -161,27 +196,32 @@ def advance(  # type: ignore[no-untyped-def]
                 z[i] = z_next[i]
         for i in range(n):
             x[i] = linear[i]
-    return output(H, table, active, p, shift, x, z, work, inputs, k)
+    return output(step, x, z, work, inputs, k)
 
 
 @compiled
-def output(H, table, active, p, shift, x, z, work, inputs, k):  # type: ignore[no-untyped-def]
+def output(step, x, z, work, inputs, k):  # type: ignore[no-untyped-def]
     """Return the last port at sample k; leaves inputs in work[1], what effects add in work[5]."""
-    m = len(shift)
-    P = H.shape[1] - len(x) - m
+    m = len(step.shift)
+    P = step.H.shape[1] - len(x) - m
     u, d = work[1, :m], work[5, :P]
     for j in range(m):
         u[j] = inputs[k, j]
-        if shift[j] > 0.0:
-            u[j] = interpolated(inputs, j, k, 1.0 - shift[j])
-    if len(active) > 0:
-        add_effects(H, table, active, p, x, u, z, 0.0, work[7], work[6, :len(z)], d)
-    return observe(H, P - 1, x, u, d, active) + d[P - 1]
+        if step.shift[j] > 0.0:
+            u[j] = interpolated(inputs, j, k, 1.0 - step.shift[j])
+    if len(step.active) > 0:
+        add_effects(step, x, u, z, 0.0, work[7], work[6, :len(z)], d)
+    return observe(step.H, P - 1, x, u, d, step.active) + d[P - 1]
 
 
 @compiled
-def run(  # type: ignore[no-untyped-def]
-        M, H, table, active, p, shift, held, substeps, sample_time, x, z, work, inputs, y, seen):
+def live_step(x, z, work, inputs, k, *step):  # type: ignore[no-untyped-def]
+    """`advance` with the fields of a `Step` one by one, which a caller in Python passes faster."""
+    return advance(Step(*step), x, z, work, inputs, k)
+
+
+@compiled
+def run(step, x, z, work, inputs, y, seen):  # type: ignore[no-untyped-def]
     """Fill y with the output at each sample of the inputs (N, m), from state x and memory z.
 
     Where `seen` (N, P + S) is not empty it gets the values of ports and signals. A run that
@@ -189,17 +229,17 @@ def run(  # type: ignore[no-untyped-def]
     """
     for k in range(len(inputs)):
         if k == 0:
-            y[k] = output(H, table, active, p, shift, x, z, work, inputs, k)
+            y[k] = output(step, x, z, work, inputs, k)
         else:
-            y[k] = advance(M, H, table, active, p, shift, held, substeps, sample_time, x, z, work,
-                           inputs, k)
+            y[k] = advance(step, x, z, work, inputs, k)
         if not abs(y[k]) < LIMIT:
             y[k:] = float('nan')
             return
         if len(seen) > 0:
-            u, d = work[1, :len(shift)], work[5, :H.shape[1] - len(x) - len(shift)]
-            for row in range(len(H)):
-                seen[k, row] = observe(H, row, x, u, d, active)
+            m = len(step.shift)
+            u, d = work[1, :m], work[5, :step.H.shape[1] - len(x) - m]
+            for row in range(len(step.H)):
+                seen[k, row] = observe(step.H, row, x, u, d, step.active)
                 if row < len(d):
                     seen[k, row] += d[row]
 

@@ -12,6 +12,7 @@ from hydro_twin.effects import Placed
 from hydro_twin.effects.dispatch import code
 from hydro_twin.plants.plant import FloatArray, Laws, Plant
 from hydro_twin.predictors import kernel
+from hydro_twin.predictors.kernel import ENTRY, Step
 
 IntArray = npt.NDArray[np.int64]
 
@@ -21,26 +22,20 @@ BEYOND = 1e30           # any edge
 
 @dataclass(frozen=True)
 class System:
-    """The arrays of the kernel; see `kernel` for their layout.
+    """A step with what it was made of.
 
     Attributes:
-        laws: the linear laws they come from.
-        shift: how late each input acts [samples].
+        laws: the linear laws that it comes from.
+        step: what the kernel takes.
         memory: how many numbers the effects keep, and one more for each.
+        begins: of each effect in the order given, where its parameters begin; -1: it has no law.
     """
 
     plant: Plant
     laws: Laws
-    M: FloatArray
-    H: FloatArray
-    table: IntArray
-    active: IntArray
-    p: FloatArray
-    shift: FloatArray
-    held: npt.NDArray[np.bool_]
-    substeps: int
-    sample_time: float
+    step: Step
     memory: int
+    begins: tuple[int, ...] = ()
 
     def work(self) -> FloatArray:
         """Allocate the scratch of the kernel."""
@@ -59,11 +54,11 @@ class System:
         origin, per_output = np.linalg.solve(rows, np.stack([right, np.eye(len(rows))[-1]])[
             ..., None])[..., 0]
         linear = output                     # what the linear laws alone would put out
-        for _ in range(NEWTON if len(self.active) else 0):
+        for _ in range(NEWTON if len(self.step.active) else 0):
             step = 1e-6 * max(abs(linear), abs(output), 1e-9)
             y, beyond = (kernel.output(
-                self.H, self.table, self.active, self.p, self.shift, origin + at * per_output,
-                np.zeros(self.memory), self.work(), inputs[None, :], 0)
+                self.step, origin + at * per_output, np.zeros(self.memory), self.work(),
+                inputs[None, :], 0)
                 for at in (linear, linear + step))
             if not abs(y - output) > 1e-9 * abs(output):
                 break
@@ -82,9 +77,7 @@ class System:
             seen: what passes at the ports is written here, (N, ports + signals), if given.
         """
         y = np.empty(len(inputs))
-        kernel.run(self.M, self.H, self.table, self.active, self.p, self.shift, self.held,
-                   self.substeps, self.sample_time, x.copy(),
-                   np.zeros(self.memory) if z is None else z.copy(),
+        kernel.run(self.step, x.copy(), np.zeros(self.memory) if z is None else z.copy(),
                    self.work(), inputs, y, np.empty((0, 0)) if seen is None else seen)
         return y
 
@@ -95,16 +88,14 @@ class System:
         its law takes what is beyond. What an implicit effect keeps is over soon: nought.
         """
         z = np.zeros((2, self.memory))
-        for begin, end, implicit in self.table[:, [
-                kernel.Z_BEGIN, kernel.Z_END, kernel.IMPLICIT]]:
-            if end > begin and not implicit:
-                z[:, begin] = -BEYOND, BEYOND
+        for effect in self.step.effects:
+            if effect['z_end'] > effect['z_begin'] and not effect['implicit']:
+                z[:, effect['z_begin']] = -BEYOND, BEYOND
         if not z.any():
             return z.T
         for edge in z:
             work = self.work()
-            kernel.output(self.H, self.table, self.active, self.p, self.shift, x, edge.copy(),
-                          work, inputs[None, :], 0)
+            kernel.output(self.step, x, edge.copy(), work, inputs[None, :], 0)
             edge[:] = np.where(edge == 0.0, 0.0, work[6, :self.memory])
         return z.T
 
@@ -116,7 +107,7 @@ def discretise(laws: Laws, h: float) -> FloatArray:
         [Phi | inputs at begin | at end | d at begin | d at end], shape (n, n + 2m + 2P).
     """
     n, m = laws.B.shape
-    block = np.zeros((3 * n, 3 * n))
+    block = np.zeros((3 * n, 3 * n), dtype=laws.A.dtype)
     block[:n, :n] = laws.A * h
     block[:n, n:2 * n] = block[n:2 * n, 2 * n:] = np.eye(n)
     exponential = expm(block)
@@ -150,29 +141,36 @@ def assemble(plant: Plant, values: Mapping[str, float], effects: Sequence[Placed
         if placed.effect.shifts:
             late = late + np.where(held | (placed.effect.shifts == 'all'),
                                    placed.values[0] / T, 0.0)
-    table: list[list[int]] = []
+    entries: list[tuple[int, ...]] = []
     p: list[float] = []
     memory = 0
     for placed in at_port:
         signals = [signal_row(plant, placed, name) for name in placed.effect.reads]
         signals = [*signals, -1, -1][:2]
         kept = placed.effect.memory
-        table.append([code(placed.effect), plant.ports.index(placed.port), *signals,
-                      len(p), len(p) + len(placed.values), memory, memory + kept,
-                      placed.effect.implicit])
+        entries.append((code(placed.effect), plant.ports.index(placed.port), *signals,
+                        len(p), len(p) + len(placed.values), memory, memory + kept,
+                        placed.effect.implicit))
         p.extend(placed.values)
         memory += kept
-    steps = substeps if table else 1
+    steps = substeps if entries else 1
     active = sorted({plant.ports.index(placed.port) for placed in at_port
                      if not placed.effect.implicit})
-    return System(
-        plant=plant, laws=laws, M=discretise(laws, T / steps),
-        H=np.ascontiguousarray(np.vstack([
-            np.hstack([laws.port_x, laws.port_u, laws.port_d]),
-            np.hstack([laws.signal_x, laws.signal_u, laws.signal_d])])),
-        table=np.array(table, dtype=np.int64).reshape(-1, 9),
-        active=np.array(active, dtype=np.int64), p=np.array(p, dtype=np.float64),
-        shift=late, held=held, substeps=steps, sample_time=T, memory=memory + len(table))
+    step = Step(
+        M=discretise(laws, T / steps),
+        H=port_rows(laws),
+        effects=np.array(entries, dtype=ENTRY), active=np.array(active, dtype=np.int64),
+        p=np.array(p, dtype=np.float64), shift=late, held=held, substeps=steps, sample_time=T)
+    begin = {id(placed): entry[4] for placed, entry in zip(at_port, entries, strict=True)}
+    return System(plant=plant, laws=laws, step=step, memory=memory + len(entries),
+                  begins=tuple(begin.get(id(placed), -1) for placed in effects))
+
+
+def port_rows(laws: Laws) -> FloatArray:
+    """Stack the rows of the ports' values and of the signals there, (P + S, n + m + P)."""
+    return np.ascontiguousarray(np.vstack([
+        np.hstack([laws.port_x, laws.port_u, laws.port_d]),
+        np.hstack([laws.signal_x, laws.signal_u, laws.signal_d])]))
 
 
 def signal_row(plant: Plant, placed: Placed, name: str) -> int:

@@ -75,7 +75,7 @@ def find_curve(fit: Fit, parts: Sequence[Part], held_out: Sequence[Part],
     carried = spans(fit.candidate, parts)
     begun = [_begin(fit.candidate, place, parts, LARGEST * carried[place.port].value)
              for place in places]
-    tried = sorted(search_all(begun, parts, SHORT, fit), key=lambda one: one.cost)
+    tried = sorted(search_all(begun, parts, SHORT), key=lambda one: one.cost)
     fits = tried[:KEPT]
     for _ in range(2):      # each time with knots over what the signal reaches by now
         fits = list(search_all([_spread(one.candidate, parts) for one in fits], parts, LONG))
@@ -203,14 +203,14 @@ def reached(candidate: Candidate, parts: Sequence[Part]) -> tuple[float, float]:
     placed = candidate.effects[-1]
     signal, system = placed.effect.reads[0], candidate.system
     row = signal_row(candidate.plant, placed, signal)
-    if np.array_equal(system.H[row], system.H[len(candidate.plant.ports) - 1]):
+    if np.array_equal(system.step.H[row], system.step.H[len(candidate.plant.ports) - 1]):
         runs = [[part.measured for part in parts]]
     else:
         bare = candidate.without(len(candidate.effects) - 1)
         scored = slice(candidate.start_up, None)
         runs = [[passing(candidate, placed, part).signals[signal][scored] for part in parts], []]
         for part in parts:
-            seen = np.zeros((len(part.inputs), len(system.H)))
+            seen = np.zeros((len(part.inputs), len(system.step.H)))
             bare.system.run(part.inputs, bare.system.start(part.inputs[0], part.measured[0]),
                             seen=seen)
             runs[1].append(seen[:, row])

@@ -32,20 +32,21 @@ def passing(candidate: Candidate, placed: Placed, part: Part) -> Passing:
     ordered = sorted((p for p in candidate.effects if p.effect.law is not None),
                      key=lambda p: candidate.plant.ports.index(p.port))
     e, port = ordered.index(placed), candidate.plant.ports.index(placed.port)
-    m = len(s.shift)
+    m = len(s.step.shift)
     start, work = candidate.start(part), s.work()
     x, z = start.x.copy(), start.z.copy()
     u, d = work[1, :m], work[5, :len(candidate.plant.ports)]
-    seen = np.empty((len(part.inputs), len(s.H)))
+    seen = np.empty((len(part.inputs), len(s.step.H)))
     added, y = np.empty(len(seen)), np.empty(len(seen))
     for k in range(len(seen)):
         if k == 0:
-            y[k] = kernel.output(s.H, s.table, s.active, s.p, s.shift, x, z, work, part.inputs, k)
+            y[k] = kernel.output(s.step, x, z, work, part.inputs, k)
         else:
-            y[k] = kernel.advance(s.M, s.H, s.table, s.active, s.p, s.shift, s.held, s.substeps,
-                                  s.sample_time, x, z, work, part.inputs, k)
-        added[k] = z[len(z) - len(s.table) + e] if placed.effect.implicit else d[port]
-        seen[k] = s.H @ np.concatenate([x, u, d])
+            y[k] = kernel.advance(s.step, x, z, work, part.inputs, k)
+        added[k] = z[len(z) - len(s.step.effects) + e] if placed.effect.implicit else d[port]
+        seen[k] = s.step.H @ np.concatenate([x, u, d])
     rows = {} if placed.effect.implicit else {'value': port}
-    rows |= dict(zip(placed.effect.reads, s.table[e, kernel.SIGNAL_0:], strict=False))
+    effect = s.step.effects[e]
+    rows |= dict(zip(placed.effect.reads, (effect['signal_0'], effect['signal_1']),
+                     strict=False))
     return Passing({name: seen[:, row] for name, row in rows.items()}, added, part.measured - y)

@@ -44,7 +44,7 @@ def spans(candidate: Candidate, parts: Sequence[Part]) -> dict[Port, Span]:
     From the first scored sample on: a state that the first samples tell badly may start anywhere.
     """
     plant = candidate.plant
-    rows = len(candidate.system.H)
+    rows = len(candidate.system.step.H)
     low, high = np.full(rows, np.inf), np.full(rows, -np.inf)
     for part in parts:
         seen = np.zeros((len(part.inputs), rows))

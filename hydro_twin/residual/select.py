@@ -65,26 +65,23 @@ def stretches(fit: Fit) -> list[FloatArray]:
     return np.split(fit.residual, np.cumsum(fit.lengths)[:-1])
 
 
-def search(candidate: Candidate, parts: Sequence[Part], evaluations: int,
-           tangent: Fit | None = None) -> Fit:
+def search(candidate: Candidate, parts: Sequence[Part], evaluations: int) -> Fit:
     """Fit all physical parameters, timing and effects of a candidate from where it stands.
 
-    But effects that a free curve was added to stay as they are, since it can imitate them. See
-    `Problem` for the tangent.
+    But effects that a free curve was added to stay as they are, since it can imitate them.
     """
-    return next(search_all([candidate], parts, evaluations, tangent))
+    return next(search_all([candidate], parts, evaluations))
 
 
-def search_all(candidates: Sequence[Candidate], parts: Sequence[Part], evaluations: int,
-               tangent: Fit | None = None) -> Iterator[Fit]:
+def search_all(candidates: Sequence[Candidate], parts: Sequence[Part], evaluations: int
+               ) -> Iterator[Fit]:
     """Do so for several, on all cores, and yield the fits in their order."""
-    return solve_all(_problems(candidates, parts, tangent), evaluations, 1e-5)
+    return solve_all(_problems(candidates, parts), evaluations, 1e-5)
 
 
-def _problems(candidates: Sequence[Candidate], parts: Sequence[Part],
-              tangent: Fit | None = None) -> list[Problem]:
+def _problems(candidates: Sequence[Candidate], parts: Sequence[Part]) -> list[Problem]:
     """Set up the search of each candidate."""
-    return [Problem(candidate, _searched(candidate), parts, tangent) for candidate in candidates]
+    return [Problem(candidate, _searched(candidate), parts) for candidate in candidates]
 
 
 def _searched(candidate: Candidate) -> list[Unknown]:
@@ -165,7 +162,7 @@ def contend(base: Fit, parts: Sequence[Part], most: int, afresh: bool,
     if afresh:
         plain += nearest(linear_starts(base.candidate, parts), parts)
     tried = []
-    problems = [*_problems(plain, parts), *_problems(near, parts, base)]   # the long ones first
+    problems = [*_problems(plain, parts), *_problems(near, parts)]   # the long ones first
     for fit in solve_all(problems, SHORT, 1e-5):
         last = fit.candidate.effects[-1]
         progress(f'{last.effect.id} at {last.port.name}')

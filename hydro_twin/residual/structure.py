@@ -173,7 +173,7 @@ def _observe(candidate: Candidate, parts: Sequence[Part]) -> list[FloatArray]:
     """Run over parts and return what passes at ports and signals."""
     all_seen = []
     for part in parts:
-        seen = np.zeros((len(part.inputs), len(candidate.system.H)))
+        seen = np.zeros((len(part.inputs), len(candidate.system.step.H)))
         candidate.run(part, seen)
         all_seen.append(np.nan_to_num(seen))
     return all_seen

@@ -110,17 +110,17 @@ def test_train_and_test_make_up_the_whole_bag(bag, tmp_path, capsys):
 
 def test_a_parameter_beyond_the_search_box_is_said_to_be_at_its_bound(tmp_path, capsys):
     bag, out = tmp_path / 'bag', tmp_path / 'model.yaml'
-    main(['simulate', '--plant', 'valve_servo', '-o', str(bag), '--duration', '1.5', '--set',
-          'T_y=0.05', '--snr', '50'])
+    main(['simulate', '--plant', 'cylinder', '-o', str(bag), '--duration', '3', '--set',
+          'tau=3', '--snr', '50'])
     capsys.readouterr()
-    main(['refit', str(bag), '--plant', 'valve_servo', '-o', str(out)])
-    assert 'T_y ended at the upper bound' in ' '.join(capsys.readouterr().out.split())
-    _, result, _ = refit(capsys, bag, out, plant='valve_servo')
-    assert result['parameters']['T_y']['at_bound'] == 'upper'
-    assert 'T_y' in result['at_bound']
+    main(['refit', str(bag), '--plant', 'cylinder', '-o', str(out)])
+    assert 'tau ended at the upper bound' in ' '.join(capsys.readouterr().out.split())
+    _, result, _ = refit(capsys, bag, out, plant='cylinder')
+    assert result['parameters']['tau']['at_bound'] == 'upper'
+    assert 'tau' in result['at_bound']
     model = read_model(out)
-    assert model.parameters['T_y'].at_bound == 'upper'
-    assert any(note.startswith('T_y ended') for note in model.notes)
+    assert model.parameters['tau'].at_bound == 'upper'
+    assert any(note.startswith('tau ended') for note in model.notes)
 
 
 def test_a_one_step_fit_of_noisy_outputs_has_no_standard_errors(tmp_path, capsys):

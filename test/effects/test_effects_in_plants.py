@@ -161,7 +161,7 @@ def test_an_end_stop_takes_just_the_speed_that_leads_beyond(plant, port, substep
     system = assemble(plant, values(plant), [placed], plant.sample_time, substeps)
     linear = assemble(plant, values(plant), [], plant.sample_time)
     inputs *= 3.0 / np.abs(linear.run(inputs, np.zeros(plant.order))).max()     # well beyond
-    seen = np.empty((1000, len(system.H)))
+    seen = np.empty((1000, len(system.step.H)))
     system.run(inputs, np.zeros(plant.order), seen=seen)
     position = seen[:, row]
     assert position.max() == pytest.approx(0.2, abs=1e-9)

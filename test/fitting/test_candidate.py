@@ -6,7 +6,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from hydro_twin.fitting.candidate import _less_start, Candidate, Part, parts_of
+from hydro_twin.fitting.candidate import Candidate, Part, parts_of
+from hydro_twin.fitting.start import without_start
 from hydro_twin.model import place
 from hydro_twin.plants import plant_named
 from hydro_twin.recording.series import Recording
@@ -43,14 +44,6 @@ def test_what_sticks_starts_at_rest_whatever_the_noise():
     noisy = Part(part.inputs, part.measured + 1e-4 * np.random.default_rng(0).standard_normal(
         len(part.measured)))
     assert candidate.start(noisy).x == pytest.approx([0.0, 0.2], abs=2e-4)
-
-
-def test_near_by_the_start_follows_in_one_step():
-    candidate = axis(('friction', 'motor', {'coulomb': 20.0}))
-    part = run_from(candidate, [0.1, 0.2])
-    moved = axis(('friction', 'motor', {'coulomb': 20.1}))
-    near = moved.start_near(part, candidate.start(part))
-    assert near.x == pytest.approx(moved.start(part).x, rel=1e-3)
 
 
 def shaft(*effect):
@@ -94,7 +87,7 @@ def test_within_a_gap_the_start_is_told_by_the_side_that_is_met():
 def test_states_that_the_first_samples_do_not_tell_apart_are_left_alone():
     """As those of a plant at an end stop: the start is met exactly, and nothing later."""
     missed = np.concatenate([np.full(50, 1e-9), np.linspace(1.0, 2.0, 100)])
-    rest = _less_start(missed, np.ones((150, 2)), 50)
+    rest = without_start(missed, np.ones((150, 2)), np.ones(2), 50).residual
     np.testing.assert_allclose(rest, missed[50:], rtol=1e-6)
 
 

@@ -109,7 +109,7 @@ def test_knots_lie_where_the_recording_went():
     part = Part(inputs, linear.system.run(inputs, np.zeros(2)))
     ports = {(port.name, port.kind): port for port in plant.ports}
     rate, speed = ports['spool', 'rate'], ports['piston', 'speed']
-    seen = np.empty((len(t), len(linear.system.H)))
+    seen = np.empty((len(t), len(linear.system.step.H)))
     linear.system.run(inputs, np.zeros(2), seen=seen)
     most = np.abs(seen[:, plant.ports.index(rate)]).max()
     driven = replace(linear, effects=(

@@ -56,7 +56,7 @@ def test_what_passes_at_a_port_is_what_the_run_saw():
     made = candidate('load_simulator', [('dead_zone', 'spool', {'width': 3e-6})])
     part = parts(made, 0.6, 0.0, 0)[0]
     got = passing(made, made.effects[0], part)
-    seen = np.zeros((len(part.inputs), len(made.system.H)))
+    seen = np.zeros((len(part.inputs), len(made.system.step.H)))
     y = made.run(part, seen)
     row = made.plant.ports.index(made.effects[0].port)
     np.testing.assert_allclose(got.signals['value'] + got.added, seen[:, row], atol=1e-12)

@@ -1,0 +1,152 @@
+"""Rows of numbers as vectors of the processor: multiples and weighed sums of them.
+
+A row is a whole number of vectors of `WIDTH` numbers; arrays of rows have the shape (rows, vectors,
+WIDTH). LLVM would vectorise loops over rows by itself, but checks before each whether the arrays
+overlap, and puts a copy of it wherever it is called: for so few numbers that takes several times as
+long as the sums, most of it to fetch the code. So the vectors are written out here, in functions
+that stay functions. No index is checked.
+"""
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+from llvmlite import ir
+from numba import types
+from numba.core import cgutils
+from numba.extending import intrinsic
+import numpy as np
+
+from hydro_twin.plants.plant import FloatArray
+
+WIDTH = 16
+DOUBLE, INDEX = ir.DoubleType(), ir.IntType(64)
+POINTER = DOUBLE.as_pointer()
+VECTOR = ir.VectorType(DOUBLE, WIDTH)
+
+
+def in_rows(columns: FloatArray) -> FloatArray:
+    """Lay out (..., D) as rows, (rows, vectors, `WIDTH`), with nought beyond D."""
+    rows = columns.reshape(-1, columns.shape[-1])
+    padded = np.pad(rows, ((0, 0), (0, -rows.shape[1] % WIDTH)))
+    return padded.reshape(len(rows), padded.shape[1] // WIDTH, WIDTH)
+
+
+def _vector(builder: Any, row: Any, index: Any) -> Any:
+    """Point at a vector of a row."""
+    begin = builder.gep(row, [builder.mul(index, INDEX(WIDTH))])
+    return builder.bitcast(begin, VECTOR.as_pointer())
+
+
+def _load(builder: Any, row: Any, index: Any) -> Any:
+    return builder.load(_vector(builder, row, index), align=8)
+
+
+def _store(builder: Any, value: Any, row: Any, index: Any) -> None:
+    builder.store(value, _vector(builder, row, index), align=8)
+
+
+def _times(builder: Any, factor: Any, vector: Any) -> Any:
+    """Multiply a vector by a number."""
+    one = builder.insert_element(ir.Constant(VECTOR, ir.Undefined), factor, ir.IntType(32)(0))
+    spread = builder.shuffle_vector(one, ir.Constant(VECTOR, ir.Undefined),
+                                    ir.Constant(ir.VectorType(ir.IntType(32), WIDTH), [0] * WIDTH))
+    return builder.fmul(spread, vector)
+
+
+def _clear(builder: Any, vectors: Any, out: Any) -> None:
+    with cgutils.for_range(builder, vectors) as loop:
+        _store(builder, ir.Constant(VECTOR, [DOUBLE(0.0)] * WIDTH), out, loop.index)
+
+
+def _put(builder: Any, vectors: Any, out: Any, factor: Any, row: Any) -> None:
+    with cgutils.for_range(builder, vectors) as loop:
+        _store(builder, _times(builder, factor, _load(builder, row, loop.index)), out, loop.index)
+
+
+def _add(builder: Any, vectors: Any, out: Any, factor: Any, row: Any) -> None:
+    with cgutils.for_range(builder, vectors) as loop:
+        more = _times(builder, factor, _load(builder, row, loop.index))
+        _store(builder, builder.fadd(_load(builder, out, loop.index), more), out, loop.index)
+
+
+def _weigh(builder: Any, vectors: Any, out: Any, factors: Any, row: Any, count: Any) -> None:
+    total = cgutils.alloca_once(builder, VECTOR)
+    with cgutils.for_range(builder, vectors) as loop:
+        builder.store(_load(builder, out, loop.index), total)
+        with cgutils.for_range(builder, count) as term:
+            at = builder.add(builder.mul(term.index, vectors), loop.index)
+            factor = builder.load(builder.gep(factors, [term.index]))
+            more = _times(builder, factor, _load(builder, row, at))
+            builder.store(builder.fadd(builder.load(total), more), total)
+        _store(builder, builder.load(total), out, loop.index)
+
+
+def _function(builder: Any, body: Callable[..., None], kinds: list[Any]) -> Any:
+    """Return the function of a module that does so, of that name; write it where it is missing."""
+    name = f'hydro_twin_rows{body.__name__}'
+    module = builder.module
+    if name not in module.globals:
+        function = ir.Function(module, ir.FunctionType(ir.VoidType(), kinds), name)
+        function.linkage = 'linkonce_odr'
+        function.attributes.add('noinline')
+        inside = ir.IRBuilder(function.append_basic_block())
+        body(inside, *function.args)
+        inside.ret_void()
+    return module.globals[name]
+
+
+def _row(context: Any, builder: Any, kind: Any, array: Any, index: Any) -> tuple[Any, Any]:
+    """Point at a row of an array, and say how many vectors it has."""
+    held = context.make_array(kind)(context, builder, array)
+    vectors = builder.extract_value(held.shape, 1)
+    size = builder.mul(vectors, INDEX(WIDTH))
+    return builder.gep(held.data, [builder.mul(index, size)]), vectors
+
+
+@intrinsic  # type: ignore[misc]
+def clear(_typing, out, _i):  # type: ignore[no-untyped-def]
+    """Set a row to nought: clear(out, i)."""
+    def generate(context, builder, signature, args):  # type: ignore[no-untyped-def]
+        to, vectors = _row(context, builder, signature.args[0], *args)
+        builder.call(_function(builder, _clear, [INDEX, POINTER]), [vectors, to])
+        return context.get_dummy_value()
+    return types.void(out, types.int64), generate
+
+
+def _two_rows(body: Callable[..., None]) -> Callable[..., Any]:
+    """Generate the call of what has a row, a factor and another row."""
+    def generate(context, builder, signature, args):  # type: ignore[no-untyped-def]
+        out, i, factor, rows, j = args
+        to, vectors = _row(context, builder, signature.args[0], out, i)
+        row, _ = _row(context, builder, signature.args[3], rows, j)
+        builder.call(_function(builder, body, [INDEX, POINTER, DOUBLE, POINTER]),
+                     [vectors, to, factor, row])
+        return context.get_dummy_value()
+    return generate
+
+
+@intrinsic  # type: ignore[misc]
+def put(_typing, out, _i, _factor, rows, _j):  # type: ignore[no-untyped-def]
+    """Set a row to a multiple of another: put(out, i, factor, rows, j)."""
+    return types.void(out, types.int64, types.float64, rows, types.int64), _two_rows(_put)
+
+
+@intrinsic  # type: ignore[misc]
+def add(_typing, out, _i, _factor, rows, _j):  # type: ignore[no-untyped-def]
+    """Add a multiple of a row to another: add(out, i, factor, rows, j)."""
+    return types.void(out, types.int64, types.float64, rows, types.int64), _two_rows(_add)
+
+
+@intrinsic  # type: ignore[misc]
+def weigh(_typing, out, _i, factors, rows, _first, _count):  # type: ignore[no-untyped-def]
+    """Add successive rows to a row, each times its factor: weigh(out, i, factors, rows, j, n)."""
+    def generate(context, builder, signature, args):  # type: ignore[no-untyped-def]
+        out, i, weights, rows, j, count = args
+        to, vectors = _row(context, builder, signature.args[0], out, i)
+        row, _ = _row(context, builder, signature.args[3], rows, j)
+        begin = context.make_array(signature.args[2])(context, builder, weights).data
+        builder.call(_function(builder, _weigh, [INDEX, POINTER, POINTER, POINTER, INDEX]),
+                     [vectors, to, begin, row, count])
+        return context.get_dummy_value()
+    return types.void(out, types.int64, factors, rows, types.int64, types.int64), generate

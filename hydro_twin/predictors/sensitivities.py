@@ -1,0 +1,478 @@
+"""A free run with its derivatives: by parameters, timing, and the state at its start.
+
+`run` does what the run of the kernel does, to the last digit, and carries beside the state x, the
+effects' memory z and the output y their derivatives X (n, D), Z (memory, D) and (N, D) by D
+unknowns. Those of the plant come first, since only they move the matrices.
+"""
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+import importlib.util
+import sys
+from typing import Any, NamedTuple
+
+import numpy as np
+import numpy.typing as npt
+
+from hydro_twin.compiled import CACHE, compiled
+from hydro_twin.effects.dispatch import LAWS
+from hydro_twin.effects.tangent import law_differences, law_tangent, NoTangent, PRELUDE, WEIGH
+from hydro_twin.files import write_whole
+from hydro_twin.plants.plant import FloatArray
+from hydro_twin.predictors.kernel import floor, inputs_over, interpolated, LIMIT, observe
+from hydro_twin.predictors.rows import add, clear, in_rows, put, weigh, WIDTH
+from hydro_twin.predictors.system import discretise, port_rows, System
+
+NAME = 'hydro_twin_tangents'
+COMPLEX_STEP = 1e-20
+
+
+class Tangent(NamedTuple):
+    """How a step follows D unknowns, of which the first Q are the plant's.
+
+    Derivatives are rows of D columns, as `Rows` are.
+
+    Attributes:
+        M, H: derivatives of the matrices of the step, element after element.
+        moves: which elements of H have any, (P + S, n + m + P).
+        p: of the effects' parameters.
+        shift: of how late inputs act [samples].
+        shifts: whether that moves.
+        compliance: how far the first signal of each implicit effect rises for a unit added, (K,).
+        d_compliance: its derivatives.
+    """
+
+    M: FloatArray
+    H: FloatArray
+    moves: npt.NDArray[np.bool_]
+    p: FloatArray
+    shift: FloatArray
+    shifts: bool
+    compliance: FloatArray
+    d_compliance: FloatArray
+
+
+def source() -> str:
+    """Write the module of the laws' derivatives.
+
+    A law whose source cannot be differentiated has its derivatives by differences.
+    """
+    imports, functions, branches = [], [PRELUDE, WEIGH], []
+    for k, (module, law) in enumerate(LAWS):
+        if law is None:
+            continue
+        name = f'tangent_{k}'
+        try:
+            functions.append(law_tangent(law, name))
+        except (NoTangent, OSError):
+            imports.append(f'from {module} import law as law_{k}')
+            functions.append(law_differences(f'law_{k}', name))
+        branches.append(f'    if code == {k}:\n        return {name}(v, s, p, z, h, c, z_next, g)')
+    head = '\n\n\n@compiled\ndef apply(code, v, s, p, z, h, c, z_next, g):'
+    return '\n'.join([*imports, ''.join(functions).rstrip('\n') + head, *branches,
+                      '    return v', ''])
+
+
+def load() -> Callable[..., Any]:
+    """Write the module where it is missing, whole or not at all, and import it."""
+    path = CACHE / f'{NAME}.py'
+    if not path.exists():
+        write_whole(path, source())
+    spec = importlib.util.spec_from_file_location(NAME, path)
+    assert spec is not None
+    assert spec.loader is not None
+    module = importlib.util.module_from_spec(spec)
+    sys.modules[NAME] = module
+    spec.loader.exec_module(module)
+    function: Callable[..., Any] = module.apply
+    return function
+
+
+apply = load()
+
+# The rows of `Rows.spare`: value before and after an effect, and the two signals it reads.
+BEFORE, AFTER, SIGNAL = 0, 1, 2
+SPARE = 4
+
+
+class Rows(NamedTuple):
+    """Derivatives of what a step computes, each (how many, blocks, `WIDTH`): D columns in blocks.
+
+    Attributes:
+        X, Z: of the state and the memory.
+        U0, U1: of the inputs at begin and end of a part of the step.
+        D0, D1: of what effects add to the ports there.
+        L: of the state at the end by the linear laws, then with all that is added.
+        A: of that predicted from what is added at the begin.
+        Z_next: of the memory at the end.
+        spare: of single values.
+    """
+
+    X: FloatArray
+    Z: FloatArray
+    U0: FloatArray
+    U1: FloatArray
+    D0: FloatArray
+    D1: FloatArray
+    L: FloatArray
+    A: FloatArray
+    Z_next: FloatArray
+    spare: FloatArray
+
+
+def rows_for(system: System, blocks: int) -> Rows:
+    """Return rows of nought, so many blocks of `WIDTH` columns."""
+    n, m, W, P = (len(system.laws.A), len(system.step.shift), system.memory,
+                  len(system.plant.ports))
+    return Rows(*(np.zeros((count, blocks, WIDTH))
+                  for count in (n, W, m, m, P, P, n, n, W, SPARE)))
+
+
+@compiled
+def chain(g, step, tangent, e, Z, spare, out, i):  # type: ignore[no-untyped-def]
+    """Write the derivatives of what the law of effect e gives, from its partial derivatives g."""
+    effect = step.effects[e]
+    put(out, i, g[0], spare, BEFORE)
+    for k in range(2):
+        if g[1 + k] != 0.0:
+            add(out, i, g[1 + k], spare, SIGNAL + k)
+    if g[3] != 0.0:
+        add(out, i, g[3], tangent.d_compliance, e)
+    for k in range(effect.p_begin, effect.p_end):
+        if g[4 + k - effect.p_begin] != 0.0:
+            add(out, i, g[4 + k - effect.p_begin], tangent.p, k)
+    at = 4 + effect.p_end - effect.p_begin
+    for k in range(effect.z_begin, effect.z_end):
+        if g[at + k - effect.z_begin] != 0.0:
+            add(out, i, g[at + k - effect.z_begin], Z, k)
+
+
+@compiled
+def observe_rows(step, tangent, row, x, u, d, X, U, D, out, i):  # type: ignore[no-untyped-def]
+    """Write the derivatives of a row of H at x, inputs u and what effects add, d."""
+    H, dH, moves = step.H, tangent.H, tangent.moves
+    n, m = len(x), len(u)
+    width, at = H.shape[1], row * H.shape[1]
+    clear(out, i)
+    for j in range(n):
+        if H[row, j] != 0.0:
+            add(out, i, H[row, j], X, j)
+        if moves[row, j]:
+            add(out, i, x[j], dH, at + j)
+    for j in range(m):
+        if H[row, n + j] != 0.0 and tangent.shifts:
+            add(out, i, H[row, n + j], U, j)
+        if moves[row, n + j]:
+            add(out, i, u[j], dH, at + n + j)
+    for j in step.active:
+        if H[row, n + m + j] != 0.0:
+            add(out, i, H[row, n + m + j], D, j)
+        if moves[row, n + m + j]:
+            add(out, i, d[j], dH, at + n + m + j)
+
+
+@compiled
+def add_effects(  # type: ignore[no-untyped-def]
+        step, tangent, x, u, z, h, s, z_next, d, X, U, D, Z, Z_next, spare, g):
+    """Do what the kernel's does, and write the derivatives into D and Z_next."""
+    H, active = step.H, step.active
+    for i in active:
+        d[i] = 0.0
+        clear(D, i)
+    for i in range(len(z)):
+        z_next[i] = z[i]
+        put(Z_next, i, 1.0, Z, i)
+    for e in range(len(step.effects)):
+        effect = step.effects[e]
+        if effect.implicit:
+            continue
+        port = effect.port
+        before = observe(H, port, x, u, d, active) + d[port]
+        observe_rows(step, tangent, port, x, u, d, X, U, D, spare, BEFORE)
+        add(spare, BEFORE, 1.0, D, port)
+        if effect.signal_0 >= 0:
+            s[0] = observe(H, effect.signal_0, x, u, d, active)
+            observe_rows(step, tangent, effect.signal_0, x, u, d, X, U, D, spare, SIGNAL)
+        if effect.signal_1 >= 0:
+            s[1] = observe(H, effect.signal_1, x, u, d, active)
+            observe_rows(step, tangent, effect.signal_1, x, u, d, X, U, D, spare, SIGNAL + 1)
+        kept = slice(effect.z_begin, effect.z_end)
+        after = apply(effect.code, before, s, step.p[effect.p_begin:effect.p_end], z[kept], h,
+                      0.0, z_next[kept], g)
+        chain(g[0], step, tangent, e, Z, spare, spare, AFTER)
+        for i in range(effect.z_end - effect.z_begin):
+            chain(g[1 + i], step, tangent, e, Z, spare, Z_next, effect.z_begin + i)
+        d[port] += after - before
+        add(D, port, 1.0, spare, AFTER)
+        add(D, port, -1.0, spare, BEFORE)
+
+
+@compiled
+def input_rows(step, tangent, part, inputs, k, U0, U1):  # type: ignore[no-untyped-def]
+    """Write the derivatives of the inputs at begin and end of a part of a step.
+
+    Where the later or earlier time is that of a sample, they are those of acting earlier.
+    """
+    for j in range(len(step.shift)):
+        begin = part / step.substeps - step.shift[j]
+        end = (part + 1) / step.substeps - step.shift[j]
+        if step.held[j]:
+            rise = -(held_at(inputs, j, k, end) - held_at(inputs, j, k, begin)) / (end - begin)
+            put(U0, j, rise, tangent.shift, j)
+            put(U1, j, rise, tangent.shift, j)
+        else:
+            put(U0, j, -slope_at(inputs, j, k, begin), tangent.shift, j)
+            put(U1, j, -slope_at(inputs, j, k, end), tangent.shift, j)
+
+
+@compiled
+def held_at(inputs, j, k, time):  # type: ignore[no-untyped-def]
+    """Input j, held, at a time in samples after sample k-1."""
+    return inputs[min(max(k - 1 + floor(time), 0), k), j]
+
+
+@compiled
+def slope_at(inputs, j, k, time):  # type: ignore[no-untyped-def]
+    """Slope of input j, interpolated, after a time in samples after sample k-1."""
+    before = k - 1 + floor(time)
+    return inputs[min(max(before + 1, 0), k), j] - inputs[min(max(before, 0), k), j]
+
+
+@compiled
+def add_to_port(step, tangent, out, port, begin, end, value, rows, j):  # type: ignore[no-untyped-def]
+    """Add the derivatives of what a value at a port does to the state at the end of a step.
+
+    begin and end: how much of the value is there then; j: the row of its derivatives.
+    """
+    M, n, m = step.M, len(step.M), len(step.shift)
+    width, P = M.shape[1], step.H.shape[1] - n - m
+    at = n + 2 * m + port
+    for i in range(n):
+        add(out, i, begin * M[i, at] + end * M[i, at + P], rows, j)
+        if begin * value != 0.0:
+            add(out, i, begin * value, tangent.M, i * width + at)
+        if end * value != 0.0:
+            add(out, i, end * value, tangent.M, i * width + at + P)
+
+
+@compiled
+def advance(step, tangent, x, z, work, rows, g, inputs, k):  # type: ignore[no-untyped-def]
+    """Step state, memory and their derivatives in place from sample k-1 to sample k."""
+    M, H, active, dM = step.M, step.H, step.active, tangent.M
+    X, Z, U0, U1, D0, D1, L, A, Z_next, spare = rows
+    n, m, K, W = len(x), len(step.shift), len(step.effects), len(z)
+    width, P = M.shape[1], H.shape[1] - n - m
+    begin, end, linear, ahead = work[0, :m], work[1, :m], work[2, :n], work[3, :n]
+    d0, d1, z_next, s = work[4, :P], work[5, :P], work[6, :W], work[7]
+    h = step.sample_time / step.substeps
+    kept, at = W - K, n + 2 * m
+    for part in range(step.substeps):
+        inputs_over(step, part, inputs, k, begin, end)
+        if tangent.shifts:
+            input_rows(step, tangent, part, inputs, k, U0, U1)
+        for i in range(n):
+            value = 0.0
+            for j in range(n):
+                value += M[i, j] * x[j]
+            for j in range(m):
+                value += M[i, n + j] * begin[j] + M[i, n + m + j] * end[j]
+            linear[i] = value
+            clear(L, i)
+            weigh(L, i, M[i], X, 0, n)
+            weigh(L, i, x, dM, i * width, n)
+            weigh(L, i, begin, dM, i * width + n, m)
+            weigh(L, i, end, dM, i * width + n + m, m)
+            if tangent.shifts:
+                weigh(L, i, M[i, n:], U0, 0, m)
+                weigh(L, i, M[i, n + m:], U1, 0, m)
+        if K > 0:
+            add_effects(step, tangent, x, begin, z, 0.0, s, z_next, d0, X, U0, D0, Z, Z_next,
+                        spare, g)
+            if len(active) > 0:
+                for i in range(n):
+                    value = linear[i]
+                    put(A, i, 1.0, L, i)
+                    for j in active:
+                        value += (M[i, at + j] + M[i, at + P + j]) * d0[j]
+                    for e in range(K):
+                        if step.effects[e].implicit:
+                            j = step.effects[e].port
+                            value += (M[i, at + j] + M[i, at + P + j]) * z[kept + e]
+                    ahead[i] = value
+                for j in active:
+                    add_to_port(step, tangent, A, j, 1.0, 1.0, d0[j], D0, j)
+                for e in range(K):
+                    if step.effects[e].implicit:
+                        add_to_port(step, tangent, A, step.effects[e].port, 1.0, 1.0, z[kept + e],
+                                    Z, kept + e)
+            add_effects(step, tangent, ahead, end, z, h, s, z_next, d1, A, U1, D1, Z, Z_next,
+                        spare, g)
+            for i in range(n):
+                for j in active:
+                    linear[i] += M[i, at + j] * d0[j] + M[i, at + P + j] * d1[j]
+            for j in active:
+                add_to_port(step, tangent, L, j, 1.0, 0.0, d0[j], D0, j)
+                add_to_port(step, tangent, L, j, 0.0, 1.0, d1[j], D1, j)
+            for e in range(K):
+                effect = step.effects[e]
+                if not effect.implicit:
+                    continue
+                port, own = effect.port, slice(effect.z_begin, effect.z_end)
+                s[0] = observe(H, effect.signal_0, linear, end, d1, active)
+                observe_rows(step, tangent, effect.signal_0, linear, end, d1, L, U1, D1, spare,
+                             SIGNAL)
+                added = apply(effect.code, 0.0, s, step.p[effect.p_begin:effect.p_end], z[own], h,
+                              tangent.compliance[e], z_next[own], g)
+                clear(spare, BEFORE)
+                chain(g[0], step, tangent, e, Z, spare, spare, AFTER)
+                for i in range(effect.z_end - effect.z_begin):
+                    chain(g[1 + i], step, tangent, e, Z, spare, Z_next, effect.z_begin + i)
+                for i in range(n):
+                    linear[i] += (M[i, at + port] + M[i, at + P + port]) * added
+                add_to_port(step, tangent, L, port, 1.0, 1.0, added, spare, AFTER)
+                z_next[kept + e] = added
+                put(Z_next, kept + e, 1.0, spare, AFTER)
+            for i in range(W):
+                z[i] = z_next[i]
+                put(Z, i, 1.0, Z_next, i)
+        for i in range(n):
+            x[i] = linear[i]
+            put(X, i, 1.0, L, i)
+
+
+@compiled
+def output(step, tangent, x, z, work, rows, g, inputs, k, dy):  # type: ignore[no-untyped-def]
+    """Return the output at sample k and write its derivatives into dy (D,)."""
+    X, Z, _, U, _, D, _, _, Z_next, spare = rows
+    m, n, W = len(step.shift), len(x), len(z)
+    P = step.H.shape[1] - n - m
+    u, d = work[1, :m], work[5, :P]
+    for j in range(m):
+        u[j] = inputs[k, j]
+        clear(U, j)
+        if step.shift[j] > 0.0:
+            u[j] = interpolated(inputs, j, k, 1.0 - step.shift[j])
+            put(U, j, -slope_at(inputs, j, k, 1.0 - step.shift[j]), tangent.shift, j)
+    if len(step.active) > 0:
+        add_effects(step, tangent, x, u, z, 0.0, work[7], work[6, :W], d, X, U, D, Z, Z_next,
+                    spare, g)
+    observe_rows(step, tangent, P - 1, x, u, d, X, U, D, spare, BEFORE)
+    add(spare, BEFORE, 1.0, D, P - 1)
+    for q in range(len(dy)):
+        dy[q] = spare[BEFORE, q // WIDTH, q % WIDTH]
+    return observe(step.H, P - 1, x, u, d, step.active) + d[P - 1]
+
+
+@compiled
+def run(step, tangent, x, z, work, rows, g, inputs, y, dy):  # type: ignore[no-untyped-def]
+    """Fill y (N,) with the output and dy (N, D) with its derivatives; x, z and rows are moved.
+
+    A run that diverges is left at nan from there on, its derivatives at 0.
+    """
+    for k in range(len(inputs)):
+        if k > 0:
+            advance(step, tangent, x, z, work, rows, g, inputs, k)
+        y[k] = output(step, tangent, x, z, work, rows, g, inputs, k, dy[k])
+        if not abs(y[k]) < LIMIT:
+            y[k:] = float('nan')
+            dy[k:] = 0.0
+            return
+
+
+@dataclass(frozen=True)
+class Directions:
+    """Unknowns by which a run is differentiated, each in its own unit.
+
+    Attributes:
+        plant: names of parameters with what one unit of the unknown is worth, Q of them.
+        p: (index in the effects' parameters, worth) for each unknown of an effect.
+        shift: for each unknown of the timing how it moves each input [samples], (T, m).
+    """
+
+    plant: Sequence[tuple[str, float]] = ()
+    p: Sequence[tuple[int, float]] = ()
+    shift: npt.ArrayLike = ()
+
+    @property
+    def count(self) -> int:
+        """How many."""
+        return len(self.plant) + len(self.p) + len(np.asarray(self.shift))
+
+
+NONE = Directions()
+
+
+def tangent_of(system: System, values: Mapping[str, float], by: Directions) -> Tangent:
+    """Differentiate the matrices of a step, with room for the state at the start.
+
+    Args:
+        system: what is run.
+        values: parameters and constants by name, those it was assembled from.
+        by: the unknowns; the columns are those of the plant, of the effects, of the timing.
+    """
+    step, starts = system.step, len(system.laws.A) + len(lasting(system))
+    Q, D = len(by.plant), by.count + starts
+    dM, dH = np.zeros((*step.M.shape, D)), np.zeros((*step.H.shape, D))
+    for q, (name, worth) in enumerate(by.plant):
+        beside: Mapping[str, Any] = {**values, name: values[name] + 1j * COMPLEX_STEP * worth}
+        laws = system.plant.laws(beside)
+        dM[..., q] = discretise(laws, step.sample_time / step.substeps).imag / COMPLEX_STEP
+        dH[..., q] = port_rows(laws).imag / COMPLEX_STEP
+    p, shift = np.zeros((len(step.p), D)), np.zeros((len(step.shift), D))
+    for q, (index, worth) in enumerate(by.p):
+        p[index, Q + q] = worth
+    at = Q + len(by.p)
+    shift[:, at:by.count] = np.reshape(np.asarray(by.shift, dtype=np.float64),
+                                       (by.count - at, len(shift))).T
+    n, m, P = len(system.laws.A), len(step.shift), len(system.plant.ports)
+    compliance, rises = np.zeros(len(step.effects)), np.zeros((len(step.effects), D))
+    for e, effect in enumerate(step.effects):
+        if effect['implicit']:
+            begin = n + 2 * m + effect['port']
+            row, both = step.H[effect['signal_0'], :n], step.M[:, [begin, begin + P]].sum(axis=1)
+            compliance[e] = row @ both
+            rises[e] = (both @ dH[effect['signal_0'], :n]
+                        + row @ dM[:, [begin, begin + P]].sum(axis=1))
+    return Tangent(in_rows(dM), in_rows(dH), dH.any(axis=2), in_rows(p), in_rows(shift),
+                   bool(shift.any()), compliance, in_rows(rises))
+
+
+def run_with_slopes(system: System, by: Directions, tangent: Tangent, inputs: FloatArray,
+                    x: FloatArray, z: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Run freely from state x (n,) and memory z, with derivatives.
+
+    Args:
+        system: what is run.
+        by: the unknowns.
+        tangent: of the system by these and by the state at the start, see `tangent_of`.
+        inputs: (N, m).
+        x: the state at the start, (n,).
+        z: what the effects keep there, (memory,).
+
+    Returns:
+        The output, (N,), and its derivatives, (N, D): by the unknowns, by x and by z, nought for
+        what does not last.
+    """
+    n, kept = len(x), lasting(system)
+    start = np.zeros((n + system.memory, by.count + n + len(kept)))
+    start[:n, by.count:by.count + n] = np.eye(n)
+    start[n + kept, by.count + n:] = np.eye(len(kept))
+    blocks = in_rows(start)
+    rows = rows_for(system, blocks.shape[1])
+    rows.X[:], rows.Z[:] = blocks[:n], blocks[n:]
+    g = np.zeros((1 + system.memory, 4 + len(system.step.p) + system.memory))
+    y, dy = np.empty(len(inputs)), np.empty((len(inputs), start.shape[1]))
+    run(system.step, tangent, x.copy(), z.copy(), system.work(), rows, g, inputs, y, dy)
+    if len(kept) == system.memory:
+        return y, dy
+    slopes = np.zeros((len(inputs), by.count + n + system.memory))
+    slopes[:, :by.count + n] = dy[:, :by.count + n]
+    slopes[:, by.count + n + kept] = dy[:, by.count + n:]
+    return y, slopes
+
+
+def lasting(system: System) -> npt.NDArray[np.int64]:
+    """Index the memory that lasts: not what an implicit effect keeps, which is soon over."""
+    return np.array([k for effect in system.step.effects if not effect['implicit']
+                     for k in range(effect['z_begin'], effect['z_end'])], dtype=np.int64)

@@ -1,0 +1,157 @@
+"""Derivatives of a run, against differences of whole runs and against another integrator."""
+from __future__ import annotations
+
+import itertools
+
+import numpy as np
+import pytest
+from scipy.integrate import solve_ivp
+from scipy.linalg import expm
+
+from hydro_twin.effects import EFFECTS, Placed, sites
+from hydro_twin.fitting.candidate import Candidate, Part
+from hydro_twin.fitting.free_run import (
+    effect_unknowns,
+    get,
+    plant_unknowns,
+    Problem,
+    timing_unknowns,
+)
+from hydro_twin.plants import PLANTS
+from hydro_twin.predictors.sensitivities import Directions, run_with_slopes, tangent_of
+from hydro_twin.predictors.system import assemble
+from hydro_twin.residual.screen import spans
+
+SAMPLES = 120
+EVERYWHERE = [(plant, effect, port) for plant in PLANTS.values() for effect in EFFECTS
+              for port in sites(effect, plant)]
+
+
+def middle(plant):
+    return plant.constant_values() | {p.name: (p.lower * p.upper) ** 0.5 for p in plant.parameters}
+
+
+def moved(plant):
+    """Move the inputs of a plant so that its output swings."""
+    rng = np.random.default_rng(1)
+    t = plant.sample_time * np.arange(SAMPLES)
+    scale = {'u_m': 0.1, 'theta_d': 0.02, 'force': 300.0}
+    return np.column_stack([
+        scale.get(signal.name, 0.5) * sum(
+            np.sin(2 * np.pi * f / (SAMPLES * plant.sample_time) * t + rng.uniform(0, 6))
+            for f in (1.3, 3.7)) for signal in plant.inputs])
+
+
+def with_effect(plant, effect=None, port=None):
+    """Put a plant in the middle of its box in motion, with an effect that does something."""
+    linear = Candidate(plant, middle(plant), plant.sample_time,
+                       timing={s.name: -0.3 * plant.sample_time for s in plant.inputs if s.held})
+    inputs = moved(plant)
+    part = Part(inputs, linear.system.run(inputs, np.zeros(plant.order)))
+    if effect is None:
+        return linear, part
+    reach = spans(linear, [part])[port]
+    starts = [values for values in effect.starts(reach) if all(
+        p.lower <= v <= p.upper for p, v in zip(effect.parameters, values, strict=True))]
+    values = starts[len(starts) // 2]
+    if effect.refined is not None:          # all of the law, not only its simple form
+        values = next(iter(effect.refined(reach, tuple(values))), values)
+    if effect.shifts:                       # by no whole number of samples, where there is a kink
+        values = (2.7 * plant.sample_time,)
+    timing = {} if effect.shifts else linear.timing
+    return Candidate(plant, linear.values, plant.sample_time,
+                     (Placed(effect, port, tuple(map(float, values))),), timing), part
+
+
+def states_of(candidate, part):
+    """Run by the linear laws and return the states, (N, n)."""
+    laws, T = candidate.system.laws, candidate.sample_time
+    step, x, states = expm(laws.A * T), np.zeros(len(laws.A)), []
+    for u in part.inputs:
+        x = step @ x + T * laws.B @ u
+        states.append(x)
+    return np.array(states)
+
+
+def unknowns_of(candidate):
+    unknowns = plant_unknowns(candidate.plant, 'physical')
+    unknowns += timing_unknowns(candidate.plant, candidate.sample_time) if candidate.timing else []
+    for index, placed in enumerate(candidate.effects):
+        unknowns += effect_unknowns(index, placed)
+    return unknowns
+
+
+def differences(run, at, steps):
+    """Take central differences; also how far they change with the step, which kinks do."""
+    columns = []
+    for i, step in enumerate(steps):
+        unit = step * np.eye(len(at))[i]
+        wide, narrow = ((run(at + k * unit) - run(at - k * unit)) / (2 * k * step)
+                        for k in (1.0, 0.25))
+        columns.append((narrow, np.abs(wide - narrow)))
+    return (np.stack(some, axis=1) for some in zip(*columns, strict=True))
+
+
+@pytest.mark.parametrize(
+    ('plant', 'effect', 'port'), [(plant, None, None) for plant in PLANTS.values()] + EVERYWHERE,
+    ids=lambda x: getattr(x, 'id', getattr(x, 'name', 'none')))
+def test_all_derivatives_of_a_run(plant, effect, port):
+    """By the plant's and the effect's parameters, timing, and the state at the start."""
+    candidate, part = with_effect(plant, effect, port)
+    problem = Problem(candidate, unknowns_of(candidate), [part])
+    by, order = problem.directions(candidate)
+    system = candidate.system
+    x = 1e-3 * np.max(np.abs(states_of(candidate, part)), axis=0)
+    z = np.zeros(system.memory)
+    y, slopes = run_with_slopes(system, by, tangent_of(system, candidate.values, by), part.inputs,
+                                x, z)
+    np.testing.assert_array_equal(y, system.run(part.inputs, x, z))
+
+    def run(coordinates):
+        moved = problem.candidate(coordinates[:by.count])
+        return moved.system.run(part.inputs, x + coordinates[by.count:], z)
+
+    at = np.concatenate([[u.coordinate(get(candidate, u)) for u in problem.unknowns],
+                         np.zeros(plant.order)])
+    states = np.std(y) / np.maximum(
+        np.abs(slopes[:, by.count:by.count + plant.order]).max(axis=0), 1e-300)
+    expected, kinked = differences(run, at, np.concatenate([
+        np.full(by.count, 1e-5), 1e-5 * states]))
+    found = np.empty(expected.shape)
+    found[:, order] = slopes[:, :by.count]
+    found[:, by.count:] = slopes[:, by.count:by.count + plant.order]
+    size = np.abs(expected).max(axis=0) + 1e-9 * np.std(y) / np.concatenate([
+        np.ones(by.count), states])
+    smooth = kinked < 1e-6 * size
+    assert smooth.mean() > 0.5
+    assert (np.abs(found - expected) / size)[smooth].max() < 1e-6
+
+
+def test_by_an_inertia_and_a_lag_as_the_variational_equation_has_it():
+    """D x / d ln J, integrated by scipy beside x: J only divides one row of the laws."""
+    plant = PLANTS['load_simulator']
+    values = middle(plant)
+    system, inputs = assemble(plant, values), moved(plant)
+    laws = system.laws
+    states, T = len(laws.A), system.step.sample_time
+    held = [signal.held for signal in plant.inputs]
+    by = Directions([('J', values['J']), ('K_p', values['K_p'])])
+    _, slopes = run_with_slopes(system, by, tangent_of(system, values, by), inputs,
+                                np.zeros(states), np.zeros(0))
+    rows = [plant.states.index('omega_j'), plant.states.index('x_v')]
+
+    def rates(s, both, u0, u1):
+        v = np.where(held, u0, u0 + s / T * (u1 - u0))
+        x, *moves = both.reshape(3, states)
+        rate = laws.A @ x + laws.B @ v
+        return np.concatenate([rate, *(
+            laws.A @ dx - np.where(np.arange(states) == row, rate, 0.0)
+            for dx, row in zip(moves, rows, strict=True))])
+
+    both, expected = np.zeros(3 * states), [np.zeros(2)]
+    for u0, u1 in itertools.pairwise(inputs):
+        both = solve_ivp(rates, (0.0, T), both, 'DOP853', args=(u0, u1), rtol=1e-10,
+                         atol=[1e-16, 1e-4, 1e-10, 1e-13] * 3).y[:, -1]
+        expected.append(both.reshape(3, states)[1:] @ laws.C[0])
+    expected = np.array(expected)
+    np.testing.assert_allclose(slopes[:, :2], expected, atol=1e-7 * np.abs(expected).max())
