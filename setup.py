@@ -44,6 +44,7 @@ setup(
     ],
     install_requires=[
         'jinja2>=3.1',
+        'llvmlite>=0.42',
         'matplotlib>=3.6',
         'msgspec>=0.18',
         'numba>=0.59',

@@ -17,6 +17,7 @@ ROOT = Path(__file__).resolve().parents[1]
 MANIFEST = ET.parse(ROOT / 'package.xml').getroot()
 KEYS = {   # name of the distribution -> rosdep key, where there is one
     'jinja2': 'python3-jinja2',
+    'llvmlite': 'python3-numba',    # which needs it
     'matplotlib': 'python3-matplotlib',
     'msgspec': None,
     'numba': 'python3-numba',

@@ -1,4 +1,4 @@
-"""Work spread over the cores: on threads for long compiled runs, else in processes.
+"""Work spread over the cores, in processes.
 
 The worker processes are fresh interpreters, never forks: a fork of a process that has threads may
 inherit a lock that nobody will release. They start with the first work that is worth it, wait for
@@ -10,7 +10,6 @@ from __future__ import annotations
 import atexit
 from collections import deque
 from collections.abc import Callable, Iterator, Sequence
-from concurrent.futures import ThreadPoolExecutor
 import io
 from multiprocessing.connection import Connection, Pipe
 import os
@@ -26,19 +25,6 @@ from typing import Any
 from hydro_twin.errors import WorkerError
 
 WORTH = 2.0             # s of work that is left, from which workers start: what one costs to
-
-
-def in_threads[T, R](function: Callable[[T], R], arguments: Sequence[T]) -> list[R]:
-    """Call a function for each argument on threads: the kernel does not hold Python's lock."""
-    if _threads(arguments) < 2:
-        return [function(argument) for argument in arguments]
-    with ThreadPoolExecutor(_threads(arguments)) as pool:
-        return list(pool.map(function, arguments))
-
-
-def _threads(arguments: Sequence[Any]) -> int:
-    """Count the threads that may work; where items are shared out, each has one core."""
-    return 1 if _within.item else min(_cores(), len(arguments))
 
 
 def in_processes[T, R](function: Callable[[T], R], arguments: Sequence[T]) -> Iterator[R]:

@@ -1,14 +1,15 @@
 """Rows of numbers as vectors of the processor: multiples and weighed sums of them.
 
-A row is a whole number of vectors of `WIDTH` numbers; arrays of rows have the shape (rows, vectors,
-WIDTH). LLVM would vectorise loops over rows by itself, but checks before each whether the arrays
-overlap, and puts a copy of it wherever it is called: for so few numbers that takes several times as
-long as the sums, most of it to fetch the code. So the vectors are written out here, in functions
-that stay functions. No index is checked.
+A row is a whole number of vectors of `WIDTH` numbers; an array of rows has the shape (rows,
+vectors, WIDTH). LLVM would vectorise loops over rows by itself, but it checks before each whether
+the arrays overlap, and puts a copy of it wherever it is called: for so few numbers that takes
+several times as long as the sums, most of it to fetch the code. So the vectors are written out
+here, in functions that are not inlined. No index is checked.
 """
 from __future__ import annotations
 
 from collections.abc import Callable
+import math
 from typing import Any
 
 from llvmlite import ir
@@ -27,9 +28,11 @@ VECTOR = ir.VectorType(DOUBLE, WIDTH)
 
 def in_rows(columns: FloatArray) -> FloatArray:
     """Lay out (..., D) as rows, (rows, vectors, `WIDTH`), with nought beyond D."""
-    rows = columns.reshape(-1, columns.shape[-1])
-    padded = np.pad(rows, ((0, 0), (0, -rows.shape[1] % WIDTH)))
-    return padded.reshape(len(rows), padded.shape[1] // WIDTH, WIDTH)
+    count, D = math.prod(columns.shape[:-1]), columns.shape[-1]
+    vectors = math.ceil(D / WIDTH)
+    rows = np.zeros((count, vectors * WIDTH))
+    rows[:, :D] = columns.reshape(count, D)
+    return rows.reshape(count, vectors, WIDTH)
 
 
 def _vector(builder: Any, row: Any, index: Any) -> Any:
@@ -71,7 +74,7 @@ def _add(builder: Any, vectors: Any, out: Any, factor: Any, row: Any) -> None:
 
 
 def _weigh(builder: Any, vectors: Any, out: Any, factors: Any, row: Any, count: Any) -> None:
-    total = cgutils.alloca_once(builder, VECTOR)
+    total = cgutils.alloca_once(builder, VECTOR)  # type: ignore[no-untyped-call]
     with cgutils.for_range(builder, vectors) as loop:
         builder.store(_load(builder, out, loop.index), total)
         with cgutils.for_range(builder, count) as term:
@@ -104,9 +107,15 @@ def _row(context: Any, builder: Any, kind: Any, array: Any, index: Any) -> tuple
     return builder.gep(held.data, [builder.mul(index, size)]), vectors
 
 
-@intrinsic  # type: ignore[misc]
+def operation(typed: Callable[..., Any]) -> Callable[..., None]:
+    """Make a function that compiled code calls of one that returns its types and generates it."""
+    made: Callable[..., None] = intrinsic(typed)
+    return made
+
+
+@operation
 def clear(_typing, out, _i):  # type: ignore[no-untyped-def]
-    """Set a row to nought: clear(out, i)."""
+    """Set row i of out to nought."""
     def generate(context, builder, signature, args):  # type: ignore[no-untyped-def]
         to, vectors = _row(context, builder, signature.args[0], *args)
         builder.call(_function(builder, _clear, [INDEX, POINTER]), [vectors, to])
@@ -126,21 +135,21 @@ def _two_rows(body: Callable[..., None]) -> Callable[..., Any]:
     return generate
 
 
-@intrinsic  # type: ignore[misc]
+@operation
 def put(_typing, out, _i, _factor, rows, _j):  # type: ignore[no-untyped-def]
-    """Set a row to a multiple of another: put(out, i, factor, rows, j)."""
+    """Set row i of out to factor times row j of rows."""
     return types.void(out, types.int64, types.float64, rows, types.int64), _two_rows(_put)
 
 
-@intrinsic  # type: ignore[misc]
+@operation
 def add(_typing, out, _i, _factor, rows, _j):  # type: ignore[no-untyped-def]
-    """Add a multiple of a row to another: add(out, i, factor, rows, j)."""
+    """Add factor times row j of rows to row i of out."""
     return types.void(out, types.int64, types.float64, rows, types.int64), _two_rows(_add)
 
 
-@intrinsic  # type: ignore[misc]
+@operation
 def weigh(_typing, out, _i, factors, rows, _first, _count):  # type: ignore[no-untyped-def]
-    """Add successive rows to a row, each times its factor: weigh(out, i, factors, rows, j, n)."""
+    """Add `count` successive rows of rows to row i of out, each times its factor."""
     def generate(context, builder, signature, args):  # type: ignore[no-untyped-def]
         out, i, weights, rows, j, count = args
         to, vectors = _row(context, builder, signature.args[0], out, i)

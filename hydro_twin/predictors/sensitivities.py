@@ -153,7 +153,7 @@ def observe_rows(step, tangent, row, x, u, d, X, U, D, out, i):  # type: ignore[
     """Write the derivatives of a row of H at x, inputs u and what effects add, d."""
     H, dH, moves = step.H, tangent.H, tangent.moves
     n, m = len(x), len(u)
-    width, at = H.shape[1], row * H.shape[1]
+    at = row * H.shape[1]
     clear(out, i)
     for j in range(n):
         if H[row, j] != 0.0:
@@ -240,7 +240,8 @@ def slope_at(inputs, j, k, time):  # type: ignore[no-untyped-def]
 
 
 @compiled
-def add_to_port(step, tangent, out, port, begin, end, value, rows, j):  # type: ignore[no-untyped-def]
+def add_to_port(  # type: ignore[no-untyped-def]
+        step, tangent, out, port, begin, end, value, rows, j):
     """Add the derivatives of what a value at a port does to the state at the end of a step.
 
     begin and end: how much of the value is there then; j: the row of its derivatives.

@@ -17,7 +17,7 @@ from hydro_twin.effects import EFFECTS, Placed
 from hydro_twin.effects.curve import over
 from hydro_twin.errors import UserError, WorkerError
 from hydro_twin.fitting import parallel
-from hydro_twin.fitting.parallel import in_processes, in_threads
+from hydro_twin.fitting.parallel import in_processes
 from hydro_twin.plants import PLANTS
 
 CORES = len(os.sched_getaffinity(0))
@@ -59,8 +59,6 @@ def test_an_error_comes_in_its_turn():
     assert [next(results) for _ in range(3)] == [1.0, 0.5, 0.25]
     with pytest.raises(ZeroDivisionError):
         next(results)
-    with pytest.raises(ZeroDivisionError):
-        in_threads(divide, [1, 0])
 
 
 @several
