@@ -125,3 +125,25 @@ def split(recording: Recording, nth: int = 3, skipped: int = 0) -> tuple[Recordi
         train.append(cut(s, end, len(s)))
         test.append(cut(s, begin, end))
     return Recording(tuple(train), recording.sources), Recording(tuple(test), recording.sources)
+
+
+OFTEN, EVER = 0.02, 0.002   # shares of the changes of a test part, and of the rest, beyond an edge
+HALF = 0.5              # of the change that a test part often has, which the rest must have
+
+
+def moves_alike(train: Recording, test: Recording, signal: str, lag: float) -> bool:
+    """Whether a signal moves in the rest about as fast as in a test part, either way.
+
+    Args:
+        train: what is fitted.
+        test: what is not.
+        signal: its name.
+        lag: over which changes are taken [s].
+    """
+    after = max(1, round(lag / test.sample_time))
+    rest, tested = (
+        np.concatenate([s[signal][after:] - s[signal][:-after] for s in part.series
+                        if len(s) > after] or [np.zeros(1)]) for part in (train, test))
+    low, high = np.quantile(rest, [EVER, 1.0 - EVER])
+    least, most = np.quantile(tested, [OFTEN, 1.0 - OFTEN])
+    return bool(min(low, 0.0) <= HALF * least and max(high, 0.0) >= HALF * most)

@@ -12,7 +12,7 @@ from hydro_twin.fitting.candidate import Candidate, Part
 from hydro_twin.fitting.free_run import Fit
 from hydro_twin.predictors.scores import rms
 from hydro_twin.residual.noise import noise_floor
-from hydro_twin.residual.proof import improvement, residuals
+from hydro_twin.residual.proof import improvement, proof, residuals
 from hydro_twin.residual.select import (
     CLEARLY,
     contend,
@@ -36,6 +36,7 @@ FINE_ENOUGH, FINEST = 8, 16     # steps in a sample, while a model grows and in 
 ROUNDS = 8              # of adding an effect
 LATER, AGAIN = 8, 4     # effects fitted in full after the first round, and for an exchange
 ENOUGH = 0.5            # least share above the noise that each takes off, where something is left
+AS_MUCH = 0.8           # of what a law with memory explains, from which one without is enough
 TOLD = 0.05             # p-value from which what is left follows what happens at the ports
 SURELY = 1e-4           # and from which it surely does
 NOISY = 2.0             # error over the noise's, from which more than noise is left
@@ -153,7 +154,7 @@ def grow(base: Fit, contenders: Sequence[Contender], ground: Ground) -> Chain:
     for _ in range(ROUNDS):
         if not contenders:
             break
-        first, *others = contenders
+        first, *others = _without_needless_memory(contenders, chain.fit, ground)
         fit = without_last(chain.fit, first.fit, ground.parts)
         chain = replace(chain, fit=fit)
         if not likely(fit, first.fit, WORTH):
@@ -172,16 +173,44 @@ def grow(base: Fit, contenders: Sequence[Contender], ground: Ground) -> Chain:
     return _proven(chain, base, ground)
 
 
+def _without_needless_memory(contenders: Sequence[Contender], base: Fit, ground: Ground
+                             ) -> list[Contender]:
+    """Put a law without memory first, where it explains about as much as one with memory.
+
+    Between steps of the command, hysteresis and a dead zone differ only in how they are left.
+    What the former gains must show on held-out data, or a dead zone it is.
+
+    Args:
+        contenders: best first.
+        base: the fit without any of them.
+        ground: the data.
+    """
+    first = contenders[0]
+    if first.placed.effect.memory == 0 or first.placed.effect.implicit:
+        return list(contenders)
+    for rival in contenders[1:]:
+        enough = base.error**2 - rival.fit.error**2 > AS_MUCH * (
+            base.error**2 - first.fit.error**2)
+        if rival.placed.effect.memory == 0 and enough:
+            helps = proof(rival.fit, first.fit, ground.held_out, ground.seed)
+            if not helps.low > 0.0:
+                return [rival, *(one for one in contenders if one is not rival)]
+    return list(contenders)
+
+
 def _earned(found: Finding, without: Fit, added: Contender, parts: Sequence[Part]) -> bool:
     """Whether a later effect is more than what an earlier law does not quite fit.
 
     What one law leaves is no evidence for just any other, so it must be clearly the best; and
-    take off much, or alone all of what followed the signals at the ports.
+    take off much, or alone all of what followed the signals at the ports. A rival that was passed
+    over, see `_without_needless_memory`, says the same of the recording.
     """
-    if _nearest(found, added.id) < CLEARLY:
+    nearest = min((distance for contender, distance in found.rivals
+                   if contender.id != added.id and distance >= 0.0), default=np.inf)
+    if nearest < CLEARLY:
         return False
     return found.share > MORE or (
-        _nearest(found, added.id) > NEAR and foretold(without, parts)[1] < SURELY
+        nearest > NEAR and foretold(without, parts)[1] < SURELY
         and foretold(added.fit, parts)[1] > TOLD)
 
 

@@ -13,7 +13,7 @@ from hydro_twin.model import Model
 from hydro_twin.plants import Plant
 from hydro_twin.predictors.analytical import Analytical
 from hydro_twin.predictors.scores import errors_by_series, rms
-from hydro_twin.recording.series import Recording, split
+from hydro_twin.recording.series import moves_alike, Recording, split
 from hydro_twin.residual.chain import (
     Chain,
     ENOUGH,
@@ -35,7 +35,7 @@ from hydro_twin.residual.curve import (
 )
 from hydro_twin.residual.evaluate import result_of
 from hydro_twin.residual.evidence import Evidence
-from hydro_twin.residual.excerpt import excerpt, harmless_factor, resampled, thin
+from hydro_twin.residual.excerpt import excerpt, harmless_factor, integrates, resampled, thin
 from hydro_twin.residual.limits import without_unreached
 from hydro_twin.residual.noise import bursts, lines, noise_floor
 from hydro_twin.residual.proof import improvement, proof, residuals
@@ -57,8 +57,9 @@ def trace(recording: Recording, test: Recording | None, plant: Plant,
     Args:
         recording: what is fitted.
         test: what is not, and judges. None: the first third of every series of the recording.
-            Where the model fails there, more happens than in the rest, as in a sweep that begins
-            slowly; then the second sixth, and the first is fitted, if as much is found then.
+            Where a plant that integrates moves otherwise there, as where it only extends, or the
+            model fails there, as in a sweep that begins slowly, then the second sixth, and the
+            first is fitted.
         plant: the plant.
         constants: of the rig, where they differ from the plant's defaults.
         model: where to start, instead of a fresh fit of the linear plant.
@@ -79,15 +80,21 @@ def evidence(recording: Recording, test: Recording | None, plant: Plant,
     """Search for it, see `trace`, and return the fits and tests that a result is made of."""
     if test is not None:
         return _search(recording, test, plant, constants, model, seed, progress)
-    found = _search(*split(recording), plant, constants, model, seed, progress)
-    found = replace(found, tested=THIRD)
     too_short = all(len(series) < SIXTH * least_samples(plant, series.sample_time)
                     for series in recording.series)
-    if too_short or not found.is_larger_held_out:
-        return found
-    again = _search(*split(recording, SIXTH, 1), plant, constants, model, seed, progress,
-                    found.after.candidate)
-    return replace(again, tested=SIXTH) if again.additions >= found.additions else found
+    third, sixth = split(recording), split(recording, SIXTH, 1)
+    found = None
+    alike = [not integrates(plant) or moves_alike(*parts, plant.output.name, plant.start_up)
+             for parts in (third, sixth)]
+    if too_short or alike[0] or not alike[1]:
+        found = _search(*third, plant, constants, model, seed, progress)
+        found = replace(found, tested=THIRD)
+        if too_short or not found.is_larger_held_out:
+            return found
+    again = _search(*sixth, plant, constants, model, seed, progress,
+                    found and found.after.candidate)
+    again = replace(again, tested=SIXTH)
+    return found if found and again.additions < found.additions else again
 
 
 def _search(train: Recording, test: Recording, plant: Plant,
