@@ -16,7 +16,8 @@ from hydro_twin.recording.series import Series
 
 CLOSE = 10.0            # difference in BIC below which the data do not decide between two laws
 NEAR = 100.0            # difference in BIC up to which a rival is near
-THIRD, SIXTH = 3, 6     # the test part is the first third of every series, or the second sixth
+# The test part: the first third of every series, or the second sixth, or every third series.
+THIRD, SIXTH, SERIES = 3, 6, 1
 
 VerdictKind = Literal['effect_found', 'nothing_missing', 'unexplained']
 Errors = Mapping[str, Mapping[str, float]]      # mode -> part -> RMS error, in the output's unit

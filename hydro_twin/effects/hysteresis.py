@@ -28,6 +28,12 @@ def refined(span: Span, values: tuple[float, ...]) -> Starts:
     return [(values[0], 0.5)]
 
 
+def distinguishable(span: Span, values: tuple[float, ...]) -> bool:
+    """Tell a loop that is crossed from a constant that depends on where a run starts."""
+    width, slope = values
+    return 2.0 * width < slope * (span.high - span.low)
+
+
 EFFECT = Effect(
     id='hysteresis',
     title='hysteresis',
@@ -40,6 +46,7 @@ EFFECT = Effect(
     starts=starts,
     excitation='use slow sinusoids of small amplitude, that turn back often',
     refined=refined,
+    distinguishable=distinguishable,
     law=law,
     memory=1,
 )

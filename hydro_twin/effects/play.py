@@ -18,6 +18,11 @@ def starts(span: Span) -> Starts:
     return [(share * span.value,) for share in (0.002, 0.01, 0.03, 0.1)]
 
 
+def distinguishable(span: Span, values: tuple[float, ...]) -> bool:
+    """Tell a play that is crossed from a follower that stays where a run starts."""
+    return 2.0 * values[0] < span.high - span.low
+
+
 EFFECT = Effect(
     id='backlash',
     title='backlash',
@@ -25,6 +30,7 @@ EFFECT = Effect(
     parameters=(EffectParameter('gap', 'half of the play', 'value', 1e-12, 1e9),),
     starts=starts,
     excitation='move it slowly back and forth, so that the play is crossed',
+    distinguishable=distinguishable,
     law=law,
     memory=1,
 )

@@ -127,23 +127,30 @@ def split(recording: Recording, nth: int = 3, skipped: int = 0) -> tuple[Recordi
     return Recording(tuple(train), recording.sources), Recording(tuple(test), recording.sources)
 
 
-OFTEN, EVER = 0.02, 0.002   # shares of the changes of a test part, and of the rest, beyond an edge
-HALF = 0.5              # of the change that a test part often has, which the rest must have
+def split_by_series(recording: Recording) -> tuple[Recording, Recording]:
+    """Split off the second of every three series, whole; returns (train, test)."""
+    train = tuple(s for k, s in enumerate(recording.series) if k % 3 != 1)
+    test = recording.series[1::3]
+    return Recording(train, recording.sources), Recording(test, recording.sources)
 
 
-def moves_alike(train: Recording, test: Recording, signal: str, lag: float) -> bool:
-    """Whether a signal moves in the rest about as fast as in a test part, either way.
+OFTEN, EVER = 0.02, 0.002   # shares of the changes in one part, and in the other, beyond an edge
+HALF = 0.5              # of a change that one part often shows, which the other must show
+
+
+def moves_alike(one: Recording, other: Recording, signal: str, lag: float) -> bool:
+    """Whether a signal moves in two parts about as fast, either way.
 
     Args:
-        train: what is fitted.
-        test: what is not.
+        one: a part of a recording.
+        other: another.
         signal: its name.
         lag: over which changes are taken [s].
     """
-    after = max(1, round(lag / test.sample_time))
-    rest, tested = (
-        np.concatenate([s[signal][after:] - s[signal][:-after] for s in part.series
-                        if len(s) > after] or [np.zeros(1)]) for part in (train, test))
-    low, high = np.quantile(rest, [EVER, 1.0 - EVER])
-    least, most = np.quantile(tested, [OFTEN, 1.0 - OFTEN])
-    return bool(min(low, 0.0) <= HALF * least and max(high, 0.0) >= HALF * most)
+    after = max(1, round(lag / one.sample_time))
+    changes = [np.concatenate([s[signal][after:] - s[signal][:-after] for s in part.series
+                               if len(s) > after] or [np.zeros(1)]) for part in (one, other)]
+    often = [np.quantile(change, [OFTEN, 1.0 - OFTEN]) for change in changes]
+    ever = [np.quantile(change, [EVER, 1.0 - EVER]) for change in changes]
+    return all(min(low, 0.0) <= HALF * least and max(high, 0.0) >= HALF * most
+               for (low, high), (least, most) in zip(ever, reversed(often), strict=True))

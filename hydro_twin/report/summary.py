@@ -7,13 +7,15 @@ import numpy as np
 
 from hydro_twin.effects import Placed
 from hydro_twin.model import Model
-from hydro_twin.result import FoundCurve, NamedEffect, Remainder, SIXTH, THIRD, TraceResult
+from hydro_twin.result import FoundCurve, NamedEffect, Remainder, SERIES, SIXTH, THIRD, TraceResult
 
 TESTED = {
     0: 'bags that were not fitted',
     THIRD: 'the first third of every series, which was not fitted',
     SIXTH: 'the second sixth of every series, which was not fitted; the first was, since more '
            'happens in the first third than in the rest',
+    SERIES: 'every third series, whole, which was not fitted; the first third of each moves '
+            'otherwise than the rest',
 }
 
 

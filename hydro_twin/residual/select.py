@@ -32,6 +32,7 @@ from hydro_twin.fitting.parallel import in_processes
 from hydro_twin.fitting.whiteness import is_white
 from hydro_twin.plants.plant import FloatArray
 from hydro_twin.predictors.scores import rms
+from hydro_twin.residual.excerpt import between_ends, integrates
 from hydro_twin.residual.noise import autoregression, whiten
 from hydro_twin.residual.screen import places, Prospect, screen, spans
 
@@ -185,13 +186,17 @@ def with_effect(candidate: Candidate, placed: Placed) -> Candidate:
 def linear_starts(candidate: Candidate, parts: Sequence[Part]) -> list[Candidate]:
     """List linear models to begin at: the middle of the box, and the fit by the one-step error.
 
-    What the model lacks may bend the fit of the free run until no search leads back.
+    What the model lacks may bend the fit of the free run until no search leads back. Where the
+    plant integrates, what stands at an end of its travel says that it hardly moves, so there is a
+    fit to what lies between, too.
     """
     plant = candidate.plant
     middle = {name: math.exp(0.5 * (low + high)) for name, (low, high) in usual(plant).items()}
-    by_one_step = one_step_values(plant, parts, candidate.values, candidate.sample_time)
+    fitted = [parts, between_ends(parts)] if integrates(plant) else [parts]
+    by_one_step = [one_step_values(plant, some, candidate.values, candidate.sample_time)
+                   for some in fitted if some]
     return [replace(candidate, values={**candidate.values, **values}, timing={})
-            for values in (middle, by_one_step) if values is not None]
+            for values in (middle, *by_one_step) if values is not None]
 
 
 def with_each(linear: Candidate, parts: Sequence[Part]) -> list[Candidate]:

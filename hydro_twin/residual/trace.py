@@ -13,7 +13,7 @@ from hydro_twin.model import Model
 from hydro_twin.plants import Plant
 from hydro_twin.predictors.analytical import Analytical
 from hydro_twin.predictors.scores import errors_by_series, rms
-from hydro_twin.recording.series import moves_alike, Recording, split
+from hydro_twin.recording.series import moves_alike, Recording, split, split_by_series
 from hydro_twin.residual.chain import (
     Chain,
     ENOUGH,
@@ -42,7 +42,7 @@ from hydro_twin.residual.proof import improvement, proof, residuals
 from hydro_twin.residual.screen import hidden
 from hydro_twin.residual.select import CLEARLY, contend, criterion, search, stretches
 from hydro_twin.residual.structure import dependences, drift, foretold, free_curves, shows
-from hydro_twin.result import Dependence, Improvement, SIXTH, THIRD, TraceResult
+from hydro_twin.result import Dependence, Improvement, SERIES, SIXTH, THIRD, TraceResult
 
 AT_LAST = 60_000        # samples of a recording that was thinned, fitted whole in the end
 EVERY = 1000            # effects fitted in full in the first round
@@ -57,9 +57,10 @@ def trace(recording: Recording, test: Recording | None, plant: Plant,
     Args:
         recording: what is fitted.
         test: what is not, and judges. None: the first third of every series of the recording.
-            Where a plant that integrates moves otherwise there, as where it only extends, or the
-            model fails there, as in a sweep that begins slowly, then the second sixth, and the
-            first is fitted.
+            Where the model fails there, more happens than in the rest, as in a sweep that begins
+            slowly; then the second sixth, and the first is fitted, if as much is found then.
+            Where a plant that integrates moves otherwise there than in the rest, every third
+            series instead, whole, if these do not.
         plant: the plant.
         constants: of the rig, where they differ from the plant's defaults.
         model: where to start, instead of a fresh fit of the linear plant.
@@ -80,21 +81,29 @@ def evidence(recording: Recording, test: Recording | None, plant: Plant,
     """Search for it, see `trace`, and return the fits and tests that a result is made of."""
     if test is not None:
         return _search(recording, test, plant, constants, model, seed, progress)
+    if _one_way(split(recording), plant) and not _one_way(split_by_series(recording), plant):
+        found = _search(*split_by_series(recording), plant, constants, model, seed, progress)
+        return replace(found, tested=SERIES)
+    found = _search(*split(recording), plant, constants, model, seed, progress)
+    found = replace(found, tested=THIRD)
     too_short = all(len(series) < SIXTH * least_samples(plant, series.sample_time)
                     for series in recording.series)
-    third, sixth = split(recording), split(recording, SIXTH, 1)
-    found = None
-    alike = [not integrates(plant) or moves_alike(*parts, plant.output.name, plant.start_up)
-             for parts in (third, sixth)]
-    if too_short or alike[0] or not alike[1]:
-        found = _search(*third, plant, constants, model, seed, progress)
-        found = replace(found, tested=THIRD)
-        if too_short or not found.is_larger_held_out:
-            return found
-    again = _search(*sixth, plant, constants, model, seed, progress,
-                    found and found.after.candidate)
-    again = replace(again, tested=SIXTH)
-    return found if found and again.additions < found.additions else again
+    if too_short or not found.is_larger_held_out:
+        return found
+    again = _search(*split(recording, SIXTH, 1), plant, constants, model, seed, progress,
+                    found.after.candidate)
+    return replace(again, tested=SIXTH) if again.additions >= found.additions else found
+
+
+def _one_way(parts: tuple[Recording, Recording], plant: Plant) -> bool:
+    """Whether a plant that integrates moves otherwise where it is tested than where it is fitted.
+
+    As a cylinder that extends in the first third of a series and retracts in the rest: neither
+    part can say of the other whether its laws are right.
+    """
+    return integrates(plant) and (
+        not parts[1].series
+        or not moves_alike(*parts, plant.output.name, plant.start_up))
 
 
 def _search(train: Recording, test: Recording, plant: Plant,

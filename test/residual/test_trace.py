@@ -13,12 +13,13 @@ from hydro_twin.commands.main import main
 from hydro_twin.model import place, read_model
 from hydro_twin.plants import plant_named
 from hydro_twin.recording.read import read_recording
-from hydro_twin.recording.series import Recording, split
+from hydro_twin.recording.series import Recording, Series, split
 from hydro_twin.recording.signals import load_signals
 from hydro_twin.recording.write import write_recording
 from hydro_twin.report.summary import summarise
 from hydro_twin.residual.trace import evidence, trace
 from hydro_twin.residual.verdict import verdict_of
+from hydro_twin.result import SERIES
 from hydro_twin.simulation.simulate import simulate
 
 FRICTION = ('friction', 'motor', {'coulomb': 6.0})
@@ -140,6 +141,37 @@ def test_what_happens_in_the_first_third_only_is_found():
     assert found.tested == 6
     assert [p.effect.id for p in found.after.candidate.effects] == ['saturation']
     assert found.held_out_error < 0.22
+
+
+@pytest.mark.slow
+def test_a_cylinder_between_its_stops_has_all_three_names():
+    """Steps held until a stop, then back, by Euler's method: as a rig is tried out by hand."""
+    T, fine = 0.02, 20
+    rng = np.random.default_rng(1)
+    series = []
+    for volts in (1.0, 2.0, 3.0, 4.0, 5.0):
+        time = np.arange(0.0, 24.0 / volts + 2.0, T)
+        command = np.where(time < 0.1, 0.0, np.where(time < 0.5 * time[-1], volts, -volts))
+        q = x = 0.0
+        position = np.empty(len(time))
+        for k in range(len(time)):
+            position[k] = x
+            live = np.sign(command[k]) * max(abs(command[k]) - 0.2, 0.0)
+            for _ in range(fine):
+                q += T / fine * (live - q) / 0.04
+                x = min(max(x + T / fine * 0.03 * (q + 0.18 * abs(q)), 0.0), 0.2)
+        series.append(Series({'command': command,
+                              'x': position + 3e-4 * rng.standard_normal(len(time))}, T,
+                             start=10**11 * len(series)))
+    found = trace(Recording(tuple(series)), None, plant_named('cylinder'))
+    assert found.tested == SERIES
+    values = {(e.placed.effect.id, e.placed.port.name): e.placed.named for e in found.effects}
+    assert set(values) == {('end_stop', 'piston'), ('asymmetry', 'piston'),
+                           ('dead_zone', 'command')}
+    assert values['asymmetry', 'piston']['imbalance'] == pytest.approx(0.18, abs=0.01)
+    assert values['dead_zone', 'command']['width'] == pytest.approx(0.2, abs=0.01)
+    assert values['end_stop', 'piston']['upper'] == pytest.approx(0.2, abs=1e-3)
+    assert found.after.errors['free_run']['test'] < 5e-4
 
 
 def test_the_linear_fit_is_no_worse_than_that_of_refit(monkeypatch):
