@@ -4,11 +4,14 @@ RUN := $(UV) run
 DEV := $(RUN) --group dev
 BAG := bags/rig_a
 
+# What each of many processes imports is compiled to bytecode once.
+unexport PYTHONDONTWRITEBYTECODE
+
 .PHONY: demo test docs bags picture
 
 # Fits the linear model to a recording, finds what it lacks, adds that, and compares the two.
 demo: $(UV)
-	@echo 'The first run sets up .venv (a minute or less) and compiles (about 10 s).' >&2
+	@echo 'The first run sets up .venv (a minute or less) and compiles (about 30 s).' >&2
 	$(RUN) hydro-twin trace $(BAG) --plant load_simulator -o out
 	$(RUN) hydro-twin replay $(BAG) --model out/model.yaml --beside out/before.yaml \
 		--picture out/picture.png
