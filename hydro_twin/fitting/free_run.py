@@ -7,12 +7,13 @@ from functools import partial
 import math
 
 import numpy as np
+from scipy.optimize import least_squares
 
 from hydro_twin.effects import Placed
 from hydro_twin.fitting.candidate import Candidate, Part
 from hydro_twin.fitting.identifiability import assess, Identifiability
 from hydro_twin.fitting.parallel import in_processes
-from hydro_twin.fitting.start import Reduced, Start, without_start
+from hydro_twin.fitting.start import without_start
 from hydro_twin.plants import Plant
 from hydro_twin.plants.plant import FloatArray
 from hydro_twin.predictors.scores import rms
@@ -20,10 +21,7 @@ from hydro_twin.predictors.sensitivities import Directions, run_with_slopes, tan
 
 WALL = 3e-3             # weight of the search box, see `Problem`
 MIDDLE = 1e-4           # weight of its middle
-DAMPING = 1e-3          # of the first step, over the diagonal of the normal matrix
-LONGEST = 2.0           # step of a coordinate: a factor of 7, beyond which derivatives say little
 INSIDE = 1e-9           # distance to a bound, relative
-SMALLEST = 1e-8         # step that ends a search
 
 
 @dataclass(frozen=True)
@@ -206,7 +204,6 @@ class Found:
         residual: of all parts, scored samples only, (N,).
         slopes: rise of the output by each coordinate, (N, d).
         pulled: what leaving the usual values costs, to be squared, (2 d,).
-        starts: of each part.
         reason: of stopping.
     """
 
@@ -214,7 +211,6 @@ class Found:
     residual: FloatArray
     slopes: FloatArray
     pulled: FloatArray
-    starts: tuple[Start, ...]
     reason: str = ''
 
     @property
@@ -260,18 +256,12 @@ class Problem:
         """Weight of the box."""
         return WALL * math.sqrt(sum(self.lengths))
 
-    def pull_stiffness(self, coordinates: FloatArray) -> FloatArray:
-        """Return the second derivative of half the square of the pull, (d,)."""
-        outside = (coordinates > self.high) | (coordinates < self.low)
-        stiffness: FloatArray = self.size**2 * (self.wall**2 * outside + MIDDLE**2)
-        return stiffness
-
-    def pull_slope(self, coordinates: FloatArray) -> FloatArray:
-        """Return the derivative of half the square of the pull, (d,)."""
-        outside = coordinates - np.clip(coordinates, self.low, self.high)
-        slope: FloatArray = self.size**2 * (
-            self.wall**2 * outside + MIDDLE**2 * (coordinates - self.middle))
-        return slope
+    def pull_slopes(self, coordinates: FloatArray) -> FloatArray:
+        """Return the derivative of the pull by each coordinate, (2 d, d)."""
+        beyond = np.sign(coordinates - np.clip(coordinates, self.low, self.high))
+        slopes: FloatArray = self.size * np.concatenate([
+            np.diag(self.wall * beyond), MIDDLE * np.eye(len(coordinates))])
+        return slopes
 
     def candidate(self, coordinates: FloatArray) -> Candidate:
         """Set the coordinates of the unknowns."""
@@ -301,28 +291,25 @@ class Problem:
         by = Directions([d for _, d in plant], [d for _, d in laws], [d for _, d in shifts])
         return by, order
 
-    def at(self, coordinates: FloatArray, starts: Sequence[Start]) -> tuple[Found, list[Reduced]]:
-        """Run over all parts, with derivatives; a run that diverged counts as very far off.
-
-        Args:
-            coordinates: of the unknowns.
-            starts: of each part.
-        """
+    def at(self, coordinates: FloatArray) -> Found:
+        """Run over all parts, with derivatives; a run that diverged counts as very far off."""
         candidate = self.candidate(coordinates)
         by, order = self.directions(candidate)
         system = candidate.system
         tangent = tangent_of(system, candidate.values, by)
-        reduced, far = [], 1e3 * self.size
-        for part, start in zip(self.parts, starts, strict=True):
+        residuals, rises, far = [], [], 1e3 * self.size
+        for part in self.parts:
+            start = candidate.start(part)
             y, slopes = run_with_slopes(system, by, tangent, part.inputs, start.x, start.z)
             others = np.empty((len(y), by.count))
             others[:, order] = slopes[:, :by.count]
             missed = np.clip(np.nan_to_num(part.measured - y, nan=far), -far, far)
-            reduced.append(without_start(missed, slopes[:, by.count:], candidate.usual_response,
-                                         candidate.start_up, others))
-        return Found(coordinates, np.concatenate([r.residual for r in reduced]),
-                     np.concatenate([r.slopes for r in reduced]), self.pull(coordinates),
-                     tuple(starts)), reduced
+            residual, rise = without_start(missed, slopes[:, by.count:],
+                                           candidate.usual_response, candidate.start_up, others)
+            residuals.append(residual)
+            rises.append(rise)
+        return Found(coordinates, np.concatenate(residuals), np.concatenate(rises),
+                     self.pull(coordinates))
 
     def bounds(self) -> tuple[FloatArray, FloatArray]:
         """Lower and upper bounds of the coordinates."""
@@ -338,81 +325,42 @@ class Problem:
         return self.fit(self.search(evaluations, tolerance))
 
     def search(self, evaluations: int, tolerance: float) -> Found:
-        """Search by Levenberg and Marquardt's method, bounds by an active set.
-
-        The damping follows [Nielsen 1999]. The states at the starts move with the unknowns, as
-        the linear elimination says; after a step that failed, not of themselves.
+        """Search by a trust region, as scipy does [Branch, Coleman and Li 1999].
 
         Args:
             evaluations: most runs over the parts.
             tolerance: relative reduction of the sum of squares that ends it.
         """
+        lower, upper = self.bounds()
+        begin = np.array([u.coordinate(get(self.base, u)) for u in self.unknowns])
         # A hair within the bounds: at one there may be a kink, and its other side counts for
         # nothing, as where a command acts a whole sample early.
-        lower, upper = self.bounds()
-        hair = INSIDE * np.maximum(1.0, np.abs(np.nan_to_num(np.stack([lower, upper]), posinf=0.0,
-                                                             neginf=0.0)))
-        lower, upper = lower + hair[0], upper - hair[1]
-        begin = np.array([u.coordinate(get(self.base, u)) for u in self.unknowns])
-        here, reduced = self.at(np.clip(begin, lower, upper),
-                                [self.base.start(part) for part in self.parts])
-        damping, growth = DAMPING, 2.0
-        own, reason = 1.0, 'evaluations'
-        for _ in range(evaluations - 1):
-            slope = self.pull_slope(here.coordinates) - here.slopes.T @ here.residual
-            normal = here.slopes.T @ here.slopes + np.diag(self.pull_stiffness(here.coordinates))
-            step = bounded_step(normal + damping * np.diag(np.diag(normal)), slope,
-                                lower - here.coordinates, upper - here.coordinates)
-            hoped = -float(2.0 * slope @ step + step @ normal @ step)
-            if hoped <= 0.1 * tolerance * here.cost or rms(step) < SMALLEST:
-                reason = 'converged'
-                break
-            there, then = self.at(here.coordinates + step, [
-                start.moved(own * r.step + r.follows @ step)
-                for start, r in zip(here.starts, reduced, strict=True)])
-            gained = here.cost - there.cost
-            ratio = gained / hoped
-            if gained > 0.0:
-                done = gained < tolerance * here.cost and ratio > 0.25
-                here, reduced = there, then
-                damping *= max(1.0 / 3.0, 1.0 - (2.0 * ratio - 1.0) ** 3)
-                growth, own = 2.0, 1.0
-                if done:
-                    reason = 'converged'
-                    break
-            else:
-                damping *= growth
-                growth, own = 2.0 * growth, 0.0
-        return replace(here, reason=reason)
+        hair = INSIDE * np.maximum(1.0, np.abs(begin))
+        begin = np.clip(begin, lower + hair, upper - hair)
+        here = self.at(begin)
+
+        def last(coordinates: FloatArray) -> Found:
+            """Run, unless the derivatives are asked where the residual was."""
+            nonlocal here
+            if not np.array_equal(coordinates, here.coordinates):
+                here = self.at(coordinates)
+            return here
+
+        def residual(coordinates: FloatArray) -> FloatArray:
+            return np.concatenate([last(coordinates).residual, here.pulled])
+
+        def jacobian(coordinates: FloatArray) -> FloatArray:
+            return np.vstack([-last(coordinates).slopes, self.pull_slopes(coordinates)])
+
+        found = least_squares(residual, begin, jac=jacobian, bounds=(lower, upper), method='trf',
+                              x_scale=1.0, max_nfev=evaluations, ftol=tolerance, xtol=1e-8,
+                              gtol=1e-12)
+        return replace(last(found.x), reason='converged' if found.status > 0 else 'evaluations')
 
     def fit(self, found: Found) -> Fit:
         """Take what a search has found."""
         return Fit(self.candidate(found.coordinates), self.unknowns, found.residual, found.slopes,
                    self.lengths, float(found.pulled @ found.pulled))
-
-
-def bounded_step(normal: FloatArray, slope: FloatArray, lower: FloatArray, upper: FloatArray
-                 ) -> FloatArray:
-    """Minimise slope s + s normal s / 2 over steps s between bounds, by an active set.
-
-    What meets a bound stays there, and the others are solved for again. No coordinate moves by
-    more than `LONGEST`.
-    """
-    step = np.zeros(len(slope))
-    held = ((lower >= 0.0) & (slope > 0.0)) | ((upper <= 0.0) & (slope < 0.0))
-    low, high = np.maximum(lower, -LONGEST), np.minimum(upper, LONGEST)
-    for _ in range(len(slope)):
-        free = ~held
-        if not free.any():
-            break
-        right = -slope[free] - normal[np.ix_(free, held)] @ step[held]
-        step[free] = np.linalg.solve(normal[np.ix_(free, free)], right)
-        beyond = free & ((step < low) | (step > high))
-        step = np.clip(step, low, high)
-        if not beyond.any():
-            break
-        held |= beyond
-    return step
 
 
 def solve_all(problems: Sequence[Problem], evaluations: int = 40, tolerance: float = 1e-6

@@ -27,36 +27,14 @@ class Start:
     x: FloatArray
     z: FloatArray
 
-    def moved(self, step: FloatArray) -> Start:
-        """Move both, one after the other, by a step (n + memory,)."""
-        n = len(self.x)
-        return Start(self.x + step[:n], self.z + step[n:])
-
 
 def start_tangent(system: System) -> Tangent:
     """Prepare a run for its derivatives by the state at its start only."""
     return tangent_of(system, {}, NONE)
 
 
-@dataclass(frozen=True)
-class Reduced:
-    """A run over a part from which the state at the start is eliminated.
-
-    Attributes:
-        residual: measured less run over the scored samples, less what a better start explains.
-        slopes: how the output rises by the other unknowns, the start following, (scored, d).
-        step: to the better start, (n + memory,).
-        follows: how that start moves with the other unknowns, (n + memory, d).
-    """
-
-    residual: FloatArray
-    slopes: FloatArray
-    step: FloatArray
-    follows: FloatArray
-
-
 def without_start(missed: FloatArray, by_start: FloatArray, usual: FloatArray, start_up: int,
-                  by_others: FloatArray | None = None) -> Reduced:
+                  by_others: FloatArray | None = None) -> tuple[FloatArray, FloatArray]:
     """Eliminate the state at the start of a run by linear least squares (variable projection).
 
     The first samples show it with some error, which lasts where the plant integrates, or forgets
@@ -71,6 +49,10 @@ def without_start(missed: FloatArray, by_start: FloatArray, usual: FloatArray, s
             nothing of the state, as where a piston stands at the end of its stroke.
         start_up: first samples, which are not scored.
         by_others: derivatives of the run by other unknowns, (N, d).
+
+    Returns:
+        What is left over the scored samples, (scored,), and how the output rises there by the
+        other unknowns, the start following, (scored, d).
     """
     others = np.zeros((len(missed), 0)) if by_others is None else by_others
     first, later = missed[:start_up], missed[start_up:]
@@ -81,8 +63,7 @@ def without_start(missed: FloatArray, by_start: FloatArray, usual: FloatArray, s
     shown = np.where(at_all > 0.0, shown, np.inf)
     columns = by_start / shown
     if not (np.isfinite(missed).all() and np.isfinite(columns).all()):
-        nothing = np.zeros((by_start.shape[1], others.shape[1]))
-        return Reduced(later, others[start_up:], nothing.sum(axis=1), nothing)
+        return later, others[start_up:]
     weight = max((rms(later) / max(rms(first), 1e-6 * rms(later), 1e-150)) ** 2, 1.0)
     early, late = columns[:start_up], columns[start_up:]
     normal = late.T @ late + weight * early.T @ early
@@ -92,8 +73,7 @@ def without_start(missed: FloatArray, by_start: FloatArray, usual: FloatArray, s
     begun = np.column_stack([first, others[:start_up]])
     found = np.linalg.solve(normal, late.T @ both + weight * early.T @ begun)
     left = both - late @ found
-    found /= shown[:, None]
-    return Reduced(left[:, 0], left[:, 1:], found[:, 0], -found[:, 1:])
+    return left[:, 0], left[:, 1:]
 
 
 def find_start(system: System, response: FloatArray, inputs: FloatArray, measured: FloatArray,

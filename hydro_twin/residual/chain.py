@@ -35,7 +35,8 @@ FINE = 0.2              # largest error of the time stepping, as a share of the 
 FINE_ENOUGH, FINEST = 8, 16     # steps in a sample, while a model grows and in the end
 ROUNDS = 8              # of adding an effect
 LATER, AGAIN = 8, 4     # effects fitted in full after the first round, and for an exchange
-ENOUGH = 0.5            # least share above the noise that each takes off, where something is left
+ENOUGH = 0.5            # least share above the noise that each takes off, where something is left,
+                        # or where others would take off as much
 AS_MUCH = 0.8           # of what a law with memory explains, from which one without is enough
 TOLD = 0.05             # p-value from which what is left follows what happens at the ports
 SURELY = 1e-4           # and from which it surely does
@@ -201,13 +202,14 @@ def _without_needless_memory(contenders: Sequence[Contender], base: Fit, ground:
 def _earned(found: Finding, without: Fit, added: Contender, parts: Sequence[Part]) -> bool:
     """Whether a later effect is more than what an earlier law does not quite fit.
 
-    What one law leaves is no evidence for just any other, so it must be clearly the best; and
-    take off much, or alone all of what followed the signals at the ports. A rival that was passed
+    What one law leaves is no evidence for just any other, so it must be clearly the best, unless
+    it takes off half of it; and take off much, or alone all of what followed the signals at the
+    ports. A rival that was passed
     over, see `_without_needless_memory`, says the same of the recording.
     """
     nearest = min((distance for contender, distance in found.rivals
                    if contender.id != added.id and distance >= 0.0), default=np.inf)
-    if nearest < CLEARLY:
+    if nearest < CLEARLY and found.share < ENOUGH:
         return False
     return found.share > MORE or (
         nearest > NEAR and foretold(without, parts)[1] < SURELY
