@@ -7,7 +7,7 @@ BAG := bags/rig_a
 # What each of many processes imports is compiled to bytecode once.
 unexport PYTHONDONTWRITEBYTECODE
 
-.PHONY: demo test docs bags picture
+.PHONY: demo test types tests docs bags picture
 
 # Fits the linear model to a recording, finds what it lacks, adds that, and compares the two.
 demo: $(UV)
@@ -17,11 +17,16 @@ demo: $(UV)
 		--picture out/picture.png
 	@echo "See out/report.html and out/picture.png."
 
-# With CI set, the slow tests too.
+# With CI set, the slow tests too. mypy has one core only to work with, so the tests run beside it.
 test: $(UV)
 	$(DEV) ruff check
+	$(MAKE) --jobs=2 types tests
+
+types: $(UV)
 	$(DEV) mypy
-	$(DEV) pytest -n 2 --dist loadfile $(if $(CI),-m 'slow or not slow')
+
+tests: $(UV)
+	$(DEV) pytest -n 2 --dist loadfile --no-loadscope-reorder $(if $(CI),-m 'slow or not slow')
 
 # The pages of docs/ and a reference of the docstrings, in out/docs/index.html.
 docs: $(UV)

@@ -1,4 +1,5 @@
 """What holds for every test."""
+from collections import Counter
 from collections.abc import Iterator
 import os
 from typing import Any
@@ -11,6 +12,14 @@ settings.register_profile('untimed', deadline=None)
 settings.load_profile('untimed')
 os.environ.setdefault('OPENBLAS_NUM_THREADS', '1')
 os.environ.setdefault('OMP_NUM_THREADS', '1')
+
+
+@pytest.hookimpl(trylast=True)   # when those that are not to run have been taken out
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    """Begin with the files of most slow tests, so that no worker is left with one at the end."""
+    slow = Counter(item.path for item in items if item.get_closest_marker('slow'))
+    size = Counter(item.path for item in items)
+    items.sort(key=lambda item: (-slow[item.path], -size[item.path], item.path))
 
 
 @pytest.fixture
