@@ -7,7 +7,7 @@ from itertools import islice
 
 import numpy as np
 
-from hydro_twin.effects import Placed
+from hydro_twin.effects import Effect, Placed
 from hydro_twin.fitting.candidate import Candidate, Part
 from hydro_twin.fitting.free_run import Fit
 from hydro_twin.predictors.scores import rms
@@ -178,10 +178,10 @@ def _earned(found: Finding, without: Fit, added: Contender, parts: Sequence[Part
     What one law leaves is no evidence for just any other, so it must be clearly the best; and
     take off much, or alone all of what followed the signals at the ports.
     """
-    if _nearest(found, added.id) < CLEARLY:
+    if _nearest(found, added.placed.effect) < CLEARLY:
         return False
     return found.share > MORE or (
-        _nearest(found, added.id) > NEAR and foretold(without, parts)[1] < SURELY
+        _nearest(found, added.placed.effect) > NEAR and foretold(without, parts)[1] < SURELY
         and foretold(added.fit, parts)[1] > TOLD)
 
 
@@ -270,7 +270,7 @@ def _leaves_something(chain: Chain, ground: Ground) -> bool:
     fit = chain.fit
     held_out = rms(np.concatenate(residuals(fit, ground.held_out)))
     doubtful = len(chain.findings) > 1 or any(
-        _nearest(f, fit.candidate.effects[f.index].effect.id) < NEAR for f in chain.findings)
+        _nearest(f, fit.candidate.effects[f.index].effect) < NEAR for f in chain.findings)
     return (foretold(fit, ground.parts)[1] < TOLD or drifts(drift(fit))
             or not held_out <= HELD_OUT * fit.error
             or (doubtful and fit.error > NOISY * noise_floor(stretches(fit))))
@@ -298,9 +298,14 @@ def _finding(without: Fit, fit: Fit, others: Sequence[Contender], index: int) ->
         rivals=tuple((c, s - score) for c, s in zip(others, scores, strict=True)))
 
 
-def _nearest(found: Finding, name: str) -> float:
-    """Distance of the criterion to the nearest effect of another name."""
-    return min((d for contender, d in found.rivals if contender.id != name), default=np.inf)
+def _nearest(found: Finding, effect: Effect) -> float:
+    """Distance of the criterion to the nearest effect of another name.
+
+    Delay, lag and mode hardly differ at low frequencies: beside one of them the others do not
+    count. Linear dynamics are missing, whichever it is.
+    """
+    return min((d for contender, d in found.rivals if contender.id != effect.id
+                and not (effect.dynamic and contender.placed.effect.dynamic)), default=np.inf)
 
 
 def finely(fit: Fit, parts: Sequence[Part], finest: int) -> Fit:
