@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 from scipy import signal
 
-from benchmarks.tracing import laws, rigs, servo_laws, servos
+from benchmarks.tracing import laws, rigs, servo_laws
 from benchmarks.tracing.signals import command, FloatArray, on_steps
 from hydro_twin.plants import plant_named
 from hydro_twin.recording.series import Recording, Series
@@ -112,7 +112,7 @@ def _openings(case: Case, rng: np.random.Generator) -> list[dict[str, FloatArray
     servo = SERVO._replace(**case.laws)
     t = SAMPLE_TIME * np.arange(rigs.SAMPLES)
     columns = []
-    for i in range(rigs.SERIES):
+    for _ in range(rigs.SERIES):
         f, phase = rng.uniform(0.2, 4.0, 8), rng.uniform(0, 2 * np.pi, 8)
         wave = np.sin(2 * np.pi * np.outer(t, f) + phase).sum(axis=1) * -np.expm1(-(t / 0.1)**2)
         u = 0.5 + 0.3 * wave / np.abs(wave).max()
