@@ -7,6 +7,7 @@ from hydro_twin.compiled import compiled
 from hydro_twin.effects.effect import Effect, EffectParameter, Span, Starts
 
 SMALL = 1e-3            # [rad] of a step, below which its ends describe it
+TURN = 2.0 * math.pi    # [rad]
 
 
 @compiled
@@ -23,7 +24,7 @@ def law(v, s, p, z, h, c, z_next):  # type: ignore[no-untyped-def]
         z_next[2] = h
         return v
     damping = p[1]
-    a = 2.0 * math.pi * p[0] * (h if h > 0.0 else z[2])
+    a = TURN * p[0] * (h if h > 0.0 else z[2])
     root = math.sqrt(max(1.0 - damping * damping, 1e-12))
     decay = math.exp(-damping * a)
     cosine = decay * math.cos(root * a)

@@ -5,7 +5,7 @@ import math
 
 from hydro_twin.compiled import compiled
 from hydro_twin.effects.effect import Effect
-from hydro_twin.effects.mode import PARAMETERS, starts
+from hydro_twin.effects.mode import PARAMETERS, starts, TURN
 
 
 @compiled
@@ -23,7 +23,7 @@ def law(v, s, p, z, h, c, z_next):  # type: ignore[no-untyped-def]
     if h == 0.0:
         return v + z[0]
     damping = p[1]
-    a = 2.0 * math.pi * p[0] * h
+    a = TURN * p[0] * h
     root = math.sqrt(max(1.0 - damping * damping, 1e-12))
     decay = math.exp(-damping * a)
     cosine = decay * math.cos(root * a)
