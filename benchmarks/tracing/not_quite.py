@@ -64,6 +64,8 @@ CASES = {
     'valve_150_b19': Case(valve=(150.0, 0.7), excitation='b19', seed=7),
     'valve_80_friction': Case(valve=(80.0, 0.7), laws=COULOMB, seed=8),
     'valve_60_dead_zone': Case(valve=(60.0, 0.7), laws=OVERLAP, excitation='chirp', seed=9),
+    'valve_70_dead_zone': Case(valve=(70.0, 0.7), laws=OVERLAP, seed=20),
+    'valve_100_friction_36dB': Case(valve=(100.0, 0.7), laws=COULOMB, snr_db=36.0, seed=21),
     'filter_20': Case(corner=20.0, seed=10),
     'filter_80': Case(corner=80.0, excitation='steps', seed=11),
     'filter_40_friction': Case(corner=40.0, laws=COULOMB, seed=12),
@@ -71,6 +73,7 @@ CASES = {
     'filter_30_36dB': Case(corner=30.0, snr_db=36.0, seed=14),
     'stage_8ms': Case(lag=0.008, seed=15),
     'ringing_30': Case(ringing=(30.0, 0.1), seed=16),
+    'filter_60_friction_steps': Case(corner=60.0, laws=COULOMB, excitation='steps', seed=22),
     'servo_filter_10': Case('valve_servo', corner=10.0, seed=17),
     'servo_filter_5_dead_zone': Case('valve_servo', corner=5.0, laws={'dead': 0.01}, seed=18),
 }
