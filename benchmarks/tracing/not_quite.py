@@ -1,7 +1,7 @@
 """Rigs that are not quite the plant: a valve of second order, or a filter before the card.
 
-python -m benchmarks.tracing.not_quite                 # names and what is built in
-python -m benchmarks.tracing.not_quite valve_90 filter_30   # traces these, one JSON line each
+python -m benchmarks.tracing.not_quite                       # names and what is built in
+python -m benchmarks.tracing.not_quite valve_90 filter_20   # traces these, one JSON line each
 """
 from __future__ import annotations
 
