@@ -247,7 +247,8 @@ class TraceResult:
         combinations: 'before' and 'after' -> of each of the plant's combinations the value and
             its standard error.
         effects: named, in the order in which they were added.
-        shapes: of each of these, what it adds at its port; of a delay, the error over it.
+        shapes: of each of these, what it adds at its port; of linear dynamics, the error over
+            their first parameter.
         found: what no known effect explains, if a curve helps.
         improvement: of the free run on the test part, from before to after.
         hidden: effects that the recording could not have shown.

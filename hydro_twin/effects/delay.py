@@ -17,5 +17,6 @@ EFFECT = Effect(
     starts=starts,
     excitation='use steps or fast sinusoids',
     hides=True,
+    dynamic=True,
     shifts='held',
 )

@@ -91,6 +91,8 @@ class Effect:
             holds at the end of the step: for forces that jump with the velocity.
         shifts: a pure delay of these inputs ('held' or 'all'), which has no law.
         named: whether it explains what it adds; a curve that is merely found does not.
+        dynamic: whether it is linear dynamics, which no curve over a signal shows.
+        simpler: id of an effect that is chosen instead unless this one is clearly better.
     """
 
     id: str
@@ -111,6 +113,8 @@ class Effect:
     implicit: bool = False
     shifts: str = ''
     named: bool = True
+    dynamic: bool = False
+    simpler: str = ''
 
     def __post_init__(self) -> None:
         assert len(self.reads) <= 2, f'{self.id}: the kernel hands a law two signals at most'

@@ -79,12 +79,14 @@ def _output(result: TraceResult) -> Illustration:
 
 
 def _effect(effect: NamedEffect, shape: Shape | Profile, plant: Plant) -> Illustration:
-    """Show an effect at its port, or, for a delay, the error over the delay."""
+    """Show an effect at its port, or, of linear dynamics, the error over their parameter."""
     title = f'{effect.placed.effect.title.capitalize()} at the {effect.port}'
     name = f'effect_{effect.id}_{effect.port}'
     if isinstance(shape, Profile):
+        meaning = effect.placed.effect.parameters[0].meaning.partition(':')[0]
         return Illustration(name, title,
-                            'Error of the free run for other delays, all else as fitted.',
+                            f'Error of the free run for other values of the {meaning}, all else '
+                            f'as fitted.',
                             (View('', (_profile(effect.placed, shape, plant),)),))
     port = effect.placed.port
     _, x_label = _signal(port, shape.signal)

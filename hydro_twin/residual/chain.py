@@ -7,7 +7,7 @@ from itertools import islice
 
 import numpy as np
 
-from hydro_twin.effects import Placed
+from hydro_twin.effects import Effect, Placed
 from hydro_twin.fitting.candidate import Candidate, Part
 from hydro_twin.fitting.free_run import Fit
 from hydro_twin.predictors.scores import rms
@@ -187,7 +187,8 @@ def _without_needless_memory(contenders: Sequence[Contender], base: Fit, ground:
         ground: the data.
     """
     first = contenders[0]
-    if first.placed.effect.memory == 0 or first.placed.effect.implicit:
+    effect = first.placed.effect
+    if effect.memory == 0 or effect.implicit or effect.dynamic:
         return list(contenders)
     for rival in contenders[1:]:
         enough = base.error**2 - rival.fit.error**2 > AS_MUCH * (
@@ -204,11 +205,9 @@ def _earned(found: Finding, without: Fit, added: Contender, parts: Sequence[Part
 
     What one law leaves is no evidence for just any other, so it must be clearly the best, unless
     it takes off half of it; and take off much, or alone all of what followed the signals at the
-    ports. A rival that was passed
-    over, see `_without_needless_memory`, says the same of the recording.
+    ports.
     """
-    nearest = min((distance for contender, distance in found.rivals
-                   if contender.id != added.id and distance >= 0.0), default=np.inf)
+    nearest = _nearest(found, added.placed.effect)
     if nearest < CLEARLY and found.share < ENOUGH:
         return False
     return found.share > MORE or (
@@ -301,7 +300,7 @@ def _leaves_something(chain: Chain, ground: Ground) -> bool:
     fit = chain.fit
     held_out = rms(np.concatenate(residuals(fit, ground.held_out)))
     doubtful = len(chain.findings) > 1 or any(
-        _nearest(f, fit.candidate.effects[f.index].effect.id) < NEAR for f in chain.findings)
+        _nearest(f, fit.candidate.effects[f.index].effect) < NEAR for f in chain.findings)
     return (foretold(fit, ground.parts)[1] < TOLD or drifts(drift(fit))
             or not held_out <= HELD_OUT * fit.error
             or (doubtful and fit.error > NOISY * noise_floor(stretches(fit))))
@@ -329,9 +328,15 @@ def _finding(without: Fit, fit: Fit, others: Sequence[Contender], index: int) ->
         rivals=tuple((c, s - score) for c, s in zip(others, scores, strict=True)))
 
 
-def _nearest(found: Finding, name: str) -> float:
-    """Distance of the criterion to the nearest effect of another name."""
-    return min((d for contender, d in found.rivals if contender.id != name), default=np.inf)
+def _nearest(found: Finding, effect: Effect) -> float:
+    """Distance of the criterion to the nearest effect of another name.
+
+    Delay, lag and mode hardly differ at low frequencies: beside one of them the others do not
+    count. Linear dynamics are missing, whichever it is. Nor does a rival that was passed over for
+    its memory, and so is at a negative distance: it says the same of the recording.
+    """
+    return min((d for contender, d in found.rivals if contender.id != effect.id and d >= 0.0
+                and not (effect.dynamic and contender.placed.effect.dynamic)), default=np.inf)
 
 
 def finely(fit: Fit, parts: Sequence[Part], finest: int) -> Fit:

@@ -252,8 +252,23 @@ def finish(base: Fit, tried: Sequence[Fit], parts: Sequence[Part]) -> list[Conte
     fits = [fit for fit in best_at_each_place(done + ranked[len(kept):]) if told(fit, parts)]
     if not fits:
         return []
-    order = np.argsort(criterion(fits), kind='stable')
-    return [Contender(fits[k]) for k in order]
+    scores = criterion(fits)
+    order = np.argsort(scores, kind='stable')
+    return simplest_first([Contender(fits[k]) for k in order], [scores[k] for k in order])
+
+
+def simplest_first(contenders: list[Contender], scores: Sequence[float]) -> list[Contender]:
+    """Move the simpler effect to the front, unless the best is clearly better by the criterion.
+
+    Args:
+        contenders: best first.
+        scores: their criterion.
+    """
+    simpler = contenders[0].placed.effect.simpler
+    for k, contender in enumerate(contenders):
+        if contender.id == simpler and scores[k] < scores[0] + CLEARLY:
+            return [contender, *contenders[:k], *contenders[k + 1:]]
+    return contenders
 
 
 def best_at_each_place(fits: Sequence[Fit]) -> list[Fit]:

@@ -28,7 +28,7 @@ KNOTS = 8               # evenly spaced, and as many again at quantiles
 CLOSEST = 0.02          # of two knots, as a share of the reach
 JUMP = 0.01             # the same, where a force jumps
 DOTS = 1500             # of a law
-TRIALS = 25             # delays at which the error is shown
+TRIALS = 25             # values at which the error of linear dynamics is shown
 WIDEST = 1.0            # standard error of a knot worth showing, over the reach of the law
 
 
@@ -125,14 +125,14 @@ def telling(seen: Sequence[Passing]) -> str:
 
 
 def shape_of(fit: Fit, placed: Placed, parts: Sequence[Part]) -> Shape | Profile:
-    """Show an effect at its port, or, for a delay, which has no port value, the error over it.
+    """Show an effect at its port; of linear dynamics, which have no curve there, a profile.
 
     Args:
         fit: the model with the effect.
         placed: the effect, one of the model's.
         parts: what was fitted.
     """
-    if placed.effect.law is None:
+    if placed.effect.dynamic:
         return _profile(fit, placed, parts)
     seen = [passing(fit.candidate, placed, part) for part in parts]
     over = telling(seen)
@@ -150,9 +150,13 @@ def shape_of(fit: Fit, placed: Placed, parts: Sequence[Part]) -> Shape | Profile
 
 
 def _profile(fit: Fit, placed: Placed, parts: Sequence[Part]) -> Profile:
-    """Run with other values of the first parameter, from nothing to twice the fitted one."""
+    """Run with other values of the first parameter, up to twice the fitted one.
+
+    From none, if it is a time; from half, if it is a frequency, of which none passes nothing.
+    """
     index = fit.candidate.effects.index(placed)
-    values = np.linspace(0.0, 2.0 * placed.values[0], TRIALS)
+    least = 0.0 if placed.effect.parameters[0].unit == 's' else 0.5
+    values = placed.values[0] * np.linspace(least, 2.0, TRIALS)
     errors = []
     for value in values:
         effects = list(fit.candidate.effects)

@@ -7,7 +7,8 @@ from hydro_twin.effects import EFFECTS, MODULES, sites, Span
 from hydro_twin.plants import PLANTS
 
 IDS = {'friction', 'dead_zone', 'backlash', 'saturation', 'rate_limit', 'hysteresis', 'delay',
-       'asymmetry', 'bias', 'orifice', 'leakage', 'stiffening', 'ripple', 'gain', 'end_stop'}
+       'asymmetry', 'bias', 'orifice', 'leakage', 'stiffening', 'ripple', 'gain', 'end_stop',
+       'lag', 'mode'}
 SITES = [(plant, effect, port) for plant in PLANTS.values() for effect in EFFECTS
          for port in sites(effect, plant)]
 
