@@ -65,14 +65,15 @@ def emps(shell: Shell, folder: Path) -> tuple[Path, Path]:
 
 def test_positioning(shell: Shell, tmp_path: Path) -> None:
     train, test = emps(shell, tmp_path)
-    for criterion, says in (('one_step', '101.1'), ('free_run', '518.6')):
+    for criterion in ('one_step', 'free_run'):
         model = tmp_path / f'{criterion}.yaml'
         fit = shell('refit', train, '--test', test, '--plant', 'positioning', '--criterion',
                     criterion, '-o', model)
         found = shell('replay', test, '--model', model)
         assert found['one_step']['rmse'] == pytest.approx(fit['test']['one_step'], rel=1e-3)
         assert fit['at_bound'] == []
-        documented(f'fitted to {"one step" if criterion == "one_step" else "the free run"}', says,
+        documented(f'fitted to {"one step" if criterion == "one_step" else "the free run"}',
+                   f'{fit["parameters"]["M"]["value"]:.0f}',
                    f'{fit["parameters"]["F_v"]["value"]:.0f}',
                    millimetres(found['one_step']['rmse'], 6),
                    millimetres(found['free_run']['rmse'], 1))

@@ -172,7 +172,7 @@ def test_a_cylinder_between_its_stops_has_all_three_names():
     zone = values['dead_zone', 'command']       # which no step is within: what leaks is not seen
     assert zone['width'] * (1.0 - zone['leak']) == pytest.approx(0.2, abs=0.01)
     assert values['end_stop', 'piston']['upper'] == pytest.approx(0.2, abs=1e-3)
-    assert found.after.errors['free_run']['test'] < 5e-4
+    assert found.after.errors['after']['free_run']['test'] < 5e-4
 
 
 def test_the_linear_fit_is_no_worse_than_that_of_refit(monkeypatch):
