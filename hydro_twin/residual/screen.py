@@ -19,6 +19,7 @@ from hydro_twin.fitting.free_run import Fit
 from hydro_twin.fitting.parallel import in_processes
 from hydro_twin.plants import Plant, Port
 from hydro_twin.plants.plant import FloatArray
+from hydro_twin.residual.excerpt import integrates
 from hydro_twin.result import Hidden
 
 VISIBLE = 50.0          # power of an effect over the noise's, times the samples, that is seen
@@ -66,10 +67,16 @@ def spans(candidate: Candidate, parts: Sequence[Part]) -> dict[Port, Span]:
 
 
 def places(plant: Plant, taken: Sequence[Placed]) -> list[tuple[Effect, Port]]:
-    """List every effect on every port it may sit on, less those taken."""
+    """List every effect on every port it may sit on, less those taken.
+
+    Where a plant integrates, linear dynamics with a law (lag and mode) are left out: its output
+    hardly moves at the frequencies where they differ from a delay.
+    """
     used = {(placed.effect, placed.port) for placed in taken}
+    slow = integrates(plant)
     return [(effect, port) for effect in EFFECTS for port in sites(effect, plant)
-            if (effect, port) not in used]
+            if (effect, port) not in used
+            and not (slow and effect.dynamic and effect.law is not None)]
 
 
 def screen(fit: Fit, parts: Sequence[Part]) -> list[Prospect]:
