@@ -213,11 +213,6 @@ class Found:
     pulled: FloatArray
     reason: str = ''
 
-    @property
-    def cost(self) -> float:
-        """Sum of squares."""
-        return float(self.residual @ self.residual + self.pulled @ self.pulled)
-
 
 class Problem:
     """The search for unknowns on parts, by the residual of the free run.

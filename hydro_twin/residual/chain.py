@@ -35,8 +35,8 @@ FINE = 0.2              # largest error of the time stepping, as a share of the 
 FINE_ENOUGH, FINEST = 8, 16     # steps in a sample, while a model grows and in the end
 ROUNDS = 8              # of adding an effect
 LATER, AGAIN = 8, 4     # effects fitted in full after the first round, and for an exchange
-ENOUGH = 0.5            # least share above the noise that each takes off, where something is left,
-                        # or where others would take off as much
+ENOUGH = 0.5            # least share above the noise that each takes off, if something is left, or
+#                         if others would take off as much
 AS_MUCH = 0.8           # of what a law with memory explains, from which one without is enough
 TOLD = 0.05             # p-value from which what is left follows what happens at the ports
 SURELY = 1e-4           # and from which it surely does
