@@ -56,12 +56,14 @@ def without_start(missed: FloatArray, by_start: FloatArray, usual: FloatArray, s
     """
     others = np.zeros((len(missed), 0)) if by_others is None else by_others
     first, later = missed[:start_up], missed[start_up:]
-    shown = np.sqrt(np.mean(by_start[:start_up]**2, axis=0))
-    at_all = np.sqrt(np.mean(by_start**2, axis=0))
+    with np.errstate(over='ignore'):    # a run that leaves all bounds is left as it is, below
+        shown = np.sqrt(np.mean(by_start[:start_up]**2, axis=0))
+        at_all = np.sqrt(np.mean(by_start**2, axis=0))
     at_all[:len(usual)][at_all[:len(usual)] < HIDDEN * usual] = 0.0
     shown = np.where(shown > 1e-6 * at_all, shown, at_all)
     shown = np.where(at_all > 0.0, shown, np.inf)
-    columns = by_start / shown
+    with np.errstate(invalid='ignore'):
+        columns = by_start / shown
     if not (np.isfinite(missed).all() and np.isfinite(columns).all()):
         return later, others[start_up:]
     weight = max((rms(later) / max(rms(first), 1e-6 * rms(later), 1e-150)) ** 2, 1.0)

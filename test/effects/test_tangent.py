@@ -29,19 +29,20 @@ LAWS = [(e, e.law) for e in EFFECTS if e.law is not None] + [(curve.CURVE, curve
 
 @pytest.mark.parametrize(('effect', 'law'), LAWS, ids=lambda x: getattr(x, 'id', ''))
 def test_every_law_against_its_differences(effect, law):
-    """Away from kinks, where differences of two steps agree."""
+    """Away from kinks, and in steps over which rounding does not spoil the differences."""
+    h = 0.3 if effect.dynamic else 1e-3
     rng = np.random.default_rng(0)
     exact = generated(law_tangent(law, 'tangent'))
     near = generated(law_differences('law', 'tangent'), law=law)
     tried = 0
     for _ in range(40):
-        v, c, (s, z) = rng.uniform(-2, 2), rng.uniform(0.1, 1), rng.uniform(-2, 2, (2, 2))
-        z = z[:effect.memory]
+        v, c, s = rng.uniform(-2, 2), rng.uniform(0.1, 1), rng.uniform(-2, 2, 2)
+        z = rng.uniform(-2, 2, effect.memory)
         p = rng.uniform(0.1, 0.9, len(effect.parameters))
         if effect is curve.CURVE:
             p[:2] = -1.0, 1.0
-        value, kept, found = evaluate(exact, v, s, p, z, 1e-3, c)
-        same, also, expected = evaluate(near, v, s, p, z, 1e-3, c)
+        value, kept, found = evaluate(exact, v, s, p, z, h, c)
+        same, also, expected = evaluate(near, v, s, p, z, h, c)
         assert (value, list(kept)) == (same, list(also))
         tried += np.abs(found).sum() > 0.0
         size = max(np.abs(expected).max(), 1.0)
