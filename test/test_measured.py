@@ -154,8 +154,10 @@ def test_leg(shell: Shell, tmp_path: Path) -> None:
                   maps / 'leg_rig.yaml', '-o', tmp_path / 'out')
     # Which curve or law is found hangs on the last digits, so on the processor: none is certain.
     assert not any(effect['certain'] for effect in found['effects'])
-    documented('linear, of the shape', f'{found["before"]["free_run"]["test"]:.1f}')
-    assert found['after']['free_run']['test'] < 0.7 * found['before']['free_run']['test']
+    linear, = re.findall(r'of the shape of the load simulator \| (\S+) \|',
+                         (DOCS / 'measured.md').read_text())
+    assert found['before']['free_run']['test'] == pytest.approx(float(linear), rel=0.1)
+    assert found['after']['free_run']['test'] < 9.1        # N, on every processor
 
 
 def test_live_on_the_played_recording(shell: Shell, tmp_path: Path, rig: Any) -> None:

@@ -84,7 +84,7 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
                         f'{10 * sample_time:g} s')
     if not (0 <= args.noise < float('inf') and 0 <= args.quantisation < float('inf')):
         raise UserError('--noise and --quantisation must be finite, and not below zero')
-    parameters = {p.name: float((p.lower * p.upper) ** 0.5) for p in plant.parameters}
+    parameters = plant.middle()
     parameters |= dict(args.set)
     plant.check(parameters)
     effects = []

@@ -178,7 +178,7 @@ class Candidate:
             y, slopes = run_with_slopes(self.system, NONE, tangent, part.inputs, start.x,
                                         start.z)
             residuals.append(without_start(part.measured - y, slopes, self.usual_response,
-                                           self.start_up)[0])
+                                           self.start_up).residual)
         return residuals
 
     def residuals_from(self, parts: Sequence[Part], states: Sequence[FloatArray]
@@ -195,5 +195,5 @@ class Candidate:
         response = self.free_response(max(len(part.measured) for part in parts))
         return [without_start(part.measured - self.system.run(part.inputs, x),
                               response[:len(part.measured)], self.usual_response,
-                              self.start_up)[0]
+                              self.start_up).residual
                 for part, x in zip(parts, states, strict=True)]

@@ -4,6 +4,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
+from itertools import repeat
 import math
 
 import numpy as np
@@ -13,7 +14,7 @@ from hydro_twin.effects import Placed
 from hydro_twin.fitting.candidate import Candidate, Part
 from hydro_twin.fitting.identifiability import assess, Identifiability
 from hydro_twin.fitting.parallel import in_processes
-from hydro_twin.fitting.start import without_start
+from hydro_twin.fitting.start import Eliminated, Start, without_start
 from hydro_twin.plants import Plant
 from hydro_twin.plants.plant import FloatArray
 from hydro_twin.predictors.scores import rms
@@ -22,6 +23,10 @@ from hydro_twin.predictors.sensitivities import Directions, run_with_slopes, tan
 WALL = 3e-3             # weight of the search box, see `Problem`
 MIDDLE = 1e-4           # weight of its middle
 INSIDE = 1e-9           # distance to a bound, relative
+REWEIGHTED = 2          # further searches with new weights; they settle after one, or hardly
+SAME_WEIGHT = 2.0       # ratio of two weights that give nearly the same start
+SMALL = 0.1             # of the residual: a start that takes off less hardly turns the slopes
+CONVERGED = 'converged'
 
 
 @dataclass(frozen=True)
@@ -203,6 +208,7 @@ class Found:
         coordinates: of the unknowns, (d,).
         residual: of all parts, scored samples only, (N,).
         slopes: rise of the output by each coordinate, (N, d).
+        weights: of the first samples of each part.
         pulled: what leaving the usual values costs, to be squared, (2 d,).
         reason: of stopping.
     """
@@ -210,6 +216,7 @@ class Found:
     coordinates: FloatArray
     residual: FloatArray
     slopes: FloatArray
+    weights: tuple[float, ...]
     pulled: FloatArray
     reason: str = ''
 
@@ -286,25 +293,41 @@ class Problem:
         by = Directions([d for _, d in plant], [d for _, d in laws], [d for _, d in shifts])
         return by, order
 
-    def at(self, coordinates: FloatArray) -> Found:
-        """Run over all parts, with derivatives; a run that diverged counts as very far off."""
+    def at(self, coordinates: FloatArray, weights: Sequence[float | None] = ()) -> Found:
+        """Run over all parts, with derivatives; a run that diverged counts as very far off.
+
+        Args:
+            coordinates: of the unknowns, (d,).
+            weights: of the first samples of each part, if they are to be kept.
+        """
         candidate = self.candidate(coordinates)
         by, order = self.directions(candidate)
-        system = candidate.system
+        system, n = candidate.system, len(candidate.plant.states)
         tangent = tangent_of(system, candidate.values, by)
-        residuals, rises, far = [], [], 1e3 * self.size
-        for part in self.parts:
-            start = candidate.start(part)
-            y, slopes = run_with_slopes(system, by, tangent, part.inputs, start.x, start.z)
+        far = 1e3 * self.size
+
+        def run_from(start: Start, part: Part, weight: float | None) -> Eliminated:
+            y, slopes = run_with_slopes(system, by, tangent, part.inputs, *start)
             others = np.empty((len(y), by.count))
             others[:, order] = slopes[:, :by.count]
             missed = np.clip(np.nan_to_num(part.measured - y, nan=far), -far, far)
-            residual, rise = without_start(missed, slopes[:, by.count:],
-                                           candidate.usual_response, candidate.start_up, others)
-            residuals.append(residual)
-            rises.append(rise)
-        return Found(coordinates, np.concatenate(residuals), np.concatenate(rises),
-                     self.pull(coordinates))
+            return without_start(missed, slopes[:, by.count:], candidate.usual_response,
+                                 candidate.start_up, others, weight)
+
+        left = []
+        for part, weight in zip(self.parts, weights or repeat(None), strict=False):
+            start = candidate.start(part)
+            run = run_from(start, part, weight)
+            if run.taken > SMALL * rms(run.residual):
+                # The derivatives belong to a run from where elimination moves the start.
+                nearer = Start(start.x + run.change[:n], start.z + run.change[n:])
+                moved = run_from(nearer, part, run.weight)
+                if np.isfinite(moved.slopes).all():
+                    run = run._replace(slopes=moved.slopes)
+            left.append(run)
+        return Found(coordinates, np.concatenate([run.residual for run in left]),
+                     np.concatenate([run.slopes for run in left]),
+                     tuple(run.weight for run in left), self.pull(coordinates))
 
     def bounds(self) -> tuple[FloatArray, FloatArray]:
         """Lower and upper bounds of the coordinates."""
@@ -322,6 +345,10 @@ class Problem:
     def search(self, evaluations: int, tolerance: float) -> Found:
         """Search by a trust region, as scipy does [Branch, Coleman and Li 1999].
 
+        The weight of a part's first samples, see `without_start`, is kept during a search: its
+        own derivative is not in the slopes. Where it differs at the end, the search goes on with
+        the new one.
+
         Args:
             evaluations: most runs over the parts.
             tolerance: relative reduction of the sum of squares that ends it.
@@ -332,13 +359,26 @@ class Problem:
         # nothing, as where a command acts a whole sample early.
         hair = INSIDE * np.maximum(1.0, np.abs(begin))
         begin = np.clip(begin, lower + hair, upper - hair)
-        here = self.at(begin)
+        found = self.weighted_search(self.at(begin), evaluations, tolerance)
+        for _ in range(REWEIGHTED):
+            if found.reason != CONVERGED:
+                break
+            now = self.at(found.coordinates)
+            if all(max(a, b) < SAME_WEIGHT * min(a, b)
+                   for a, b in zip(found.weights, now.weights, strict=True)):
+                break
+            found = self.weighted_search(now, evaluations, tolerance)
+        return found
+
+    def weighted_search(self, here: Found, evaluations: int, tolerance: float) -> Found:
+        """Search with the weights of first samples that there are, see `search`."""
+        weights, (lower, upper) = here.weights, self.bounds()
 
         def last(coordinates: FloatArray) -> Found:
             """Run, unless the derivatives are asked where the residual was."""
             nonlocal here
             if not np.array_equal(coordinates, here.coordinates):
-                here = self.at(coordinates)
+                here = self.at(coordinates, weights)
             return here
 
         def residual(coordinates: FloatArray) -> FloatArray:
@@ -347,10 +387,10 @@ class Problem:
         def jacobian(coordinates: FloatArray) -> FloatArray:
             return np.vstack([-last(coordinates).slopes, self.pull_slopes(coordinates)])
 
-        found = least_squares(residual, begin, jac=jacobian, bounds=(lower, upper), method='trf',
-                              x_scale=1.0, max_nfev=evaluations, ftol=tolerance, xtol=1e-8,
-                              gtol=1e-12)
-        return replace(last(found.x), reason='converged' if found.status > 0 else 'evaluations')
+        found = least_squares(residual, here.coordinates, jac=jacobian, bounds=(lower, upper),
+                              method='trf', x_scale=1.0, max_nfev=evaluations, ftol=tolerance,
+                              xtol=1e-8, gtol=1e-12)
+        return replace(last(found.x), reason=CONVERGED if found.status > 0 else 'evaluations')
 
     def fit(self, found: Found) -> Fit:
         """Take what a search has found."""
@@ -390,8 +430,7 @@ def fit_linear(plant: Plant, parts: Sequence[Part], constants: Mapping[str, floa
     if timing:
         unknowns += timing_unknowns(plant, sample_time)
     rng = np.random.default_rng(seed)
-    middle = {p.name: math.sqrt(p.lower * p.upper) for p in plant.parameters}
-    base = Candidate(plant, {**constants, **middle}, sample_time, effects)
+    base = Candidate(plant, {**constants, **plant.middle()}, sample_time, effects)
     draws = [base] + [
         replace(base, values={**base.values, **{
             p.name: float(math.exp(rng.uniform(math.log(p.lower), math.log(p.upper))))

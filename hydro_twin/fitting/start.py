@@ -3,6 +3,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 import math
+from typing import NamedTuple
 
 import numpy as np
 
@@ -20,8 +21,7 @@ HELD = 0.01             # cost of a deviation from rest, over that of as large a
 DAMPED = (HELD, 0.3, 10.0)      # and of one from the last step
 
 
-@dataclass(frozen=True)
-class Start:
+class Start(NamedTuple):
     """The state at which a run starts: x (n,), and what the effects keep, z (memory,)."""
 
     x: FloatArray
@@ -33,8 +33,26 @@ def start_tangent(system: System) -> Tangent:
     return tangent_of(system, {}, NONE)
 
 
+class Eliminated(NamedTuple):
+    """What is left of a run where the state at its start is eliminated.
+
+    Attributes:
+        residual: over the scored samples, (scored,).
+        slopes: how the output rises there by the other unknowns, the start following, (scored, d).
+        change: of the state at the start, which explains what was taken off, (n + memory,).
+        taken: RMS of that over the scored samples.
+        weight: of the first samples over the later ones.
+    """
+
+    residual: FloatArray
+    slopes: FloatArray
+    change: FloatArray
+    taken: float
+    weight: float
+
+
 def without_start(missed: FloatArray, by_start: FloatArray, usual: FloatArray, start_up: int,
-                  by_others: FloatArray | None = None) -> tuple[FloatArray, FloatArray]:
+                  by_others: FloatArray | None = None, weight: float | None = None) -> Eliminated:
     """Eliminate the state at the start of a run by linear least squares (variable projection).
 
     The first samples show it with some error, which lasts where the plant integrates, or forgets
@@ -49,33 +67,32 @@ def without_start(missed: FloatArray, by_start: FloatArray, usual: FloatArray, s
             nothing of the state, as where a piston stands at the end of its stroke.
         start_up: first samples, which are not scored.
         by_others: derivatives of the run by other unknowns, (N, d).
-
-    Returns:
-        What is left over the scored samples, (scored,), and how the output rises there by the
-        other unknowns, the start following, (scored, d).
+        weight: of the first samples, if it is to be kept.
     """
     others = np.zeros((len(missed), 0)) if by_others is None else by_others
+    both = np.column_stack([missed, others])
     first, later = missed[:start_up], missed[start_up:]
-    with np.errstate(over='ignore'):    # a run that leaves all bounds is left as it is, below
+    if weight is None:
+        least = max(rms(first), 1e-6 * rms(later), 1e-150)
+        weight = max((rms(later) / least) ** 2, 1.0) if math.isfinite(rms(later)) else 1.0
+    with np.errstate(over='ignore', invalid='ignore'):      # such a run is left as it is, below
         shown = np.sqrt(np.mean(by_start[:start_up]**2, axis=0))
         at_all = np.sqrt(np.mean(by_start**2, axis=0))
-    at_all[:len(usual)][at_all[:len(usual)] < HIDDEN * usual] = 0.0
-    shown = np.where(shown > 1e-6 * at_all, shown, at_all)
-    shown = np.where(at_all > 0.0, shown, np.inf)
-    with np.errstate(invalid='ignore'):
+        at_all[:len(usual)][at_all[:len(usual)] < HIDDEN * usual] = 0.0
+        shown = np.where(shown > 1e-6 * at_all, shown, at_all)
+        shown = np.where(at_all > 0.0, shown, np.inf)
         columns = by_start / shown
-    if not (np.isfinite(missed).all() and np.isfinite(columns).all()):
-        return later, others[start_up:]
-    weight = max((rms(later) / max(rms(first), 1e-6 * rms(later), 1e-150)) ** 2, 1.0)
-    early, late = columns[:start_up], columns[start_up:]
-    normal = late.T @ late + weight * early.T @ early
-    # Relative, too: where the first samples weigh most, they may not show every state.
-    normal += (1e-4 + 1e-12 * np.trace(normal)) * np.eye(len(normal))
-    both = np.column_stack([later, others[start_up:]])
-    begun = np.column_stack([first, others[:start_up]])
-    found = np.linalg.solve(normal, late.T @ both + weight * early.T @ begun)
-    left = both - late @ found
-    return left[:, 0], left[:, 1:]
+    found = np.zeros((columns.shape[1], both.shape[1]))
+    if np.isfinite(missed).all() and np.isfinite(columns).all():
+        early, late = columns[:start_up], columns[start_up:]
+        normal = late.T @ late + weight * early.T @ early
+        # Relative, too: where the first samples weigh most, they may not show every state.
+        normal += (1e-4 + 1e-12 * np.trace(normal)) * np.eye(len(normal))
+        found = np.linalg.solve(
+            normal, late.T @ both[start_up:] + weight * early.T @ both[:start_up])
+    taken = columns[start_up:] @ found
+    left = both[start_up:] - taken
+    return Eliminated(left[:, 0], left[:, 1:], found[:, 0] / shown, rms(taken[:, 0]), weight)
 
 
 def find_start(system: System, response: FloatArray, inputs: FloatArray, measured: FloatArray,

@@ -184,14 +184,17 @@ class Plant:
         return Laws(*(block for matrix in rows
                       for block in (matrix[:, :n], matrix[:, n:n + m], matrix[:, n + m:])))
 
+    def middle(self) -> dict[str, float]:
+        """Return the value of each parameter in the middle of its search box, a geometric mean."""
+        return {p.name: (p.lower * p.upper) ** 0.5 for p in self.parameters}
+
     def check_equations(self) -> None:
         """Check that the equations are linear and fit what is declared.
 
         Raises:
             ModelError: they give other rates, ports or signals, or they are not linear.
         """
-        values = {c.name: c.value for c in self.constants} | {
-            p.name: (p.lower * p.upper) ** 0.5 for p in self.parameters}
+        values = {c.name: c.value for c in self.constants} | self.middle()
         laws = self.laws(values)
         n, m, width = self.order, len(self.inputs), self.order + len(self.inputs) + len(self.ports)
         v = np.random.default_rng(0).uniform(1.0, 2.0, width)

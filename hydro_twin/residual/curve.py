@@ -73,12 +73,22 @@ def find_curve(fit: Fit, parts: Sequence[Part], held_out: Sequence[Part],
         return None
     places = distinct(curves)[:MOST]
     carried = spans(fit.candidate, parts)
-    begun = [_begin(fit.candidate, place, parts, LARGEST * carried[place.port].value)
-             for place in places]
-    tried = sorted(search_all(begun, parts, SHORT), key=lambda one: one.cost)
-    fits = tried[:KEPT]
-    for _ in range(2):      # each time with knots over what the signal reaches by now
-        fits = list(search_all([_spread(one.candidate, parts) for one in fits], parts, LONG))
+
+    def begin(candidate: Candidate, place: Dependence) -> Candidate:
+        return _begin(candidate, place, parts, LARGEST * carried[place.port].value)
+
+    short = search_all([begin(fit.candidate, place) for place in places], parts, SHORT)
+    tried = sorted(zip(short, places, strict=True), key=lambda one: one[0].cost)[:KEPT]
+    # The parameters that the lack of the curve has bent may hold a search: so from others, too.
+    plant = fit.candidate.plant
+    middle = replace(fit.candidate, values={**fit.candidate.values, **plant.middle()})
+    begun = [_spread(one.candidate, parts) for one, _ in tried]
+    begun += [begin(middle, place) for _, place in tried]
+    fits = list(search_all(begun, parts, LONG))
+    nearer = [min(both, key=lambda one: one.cost) for both in zip(
+        fits[:len(tried)], fits[len(tried):], strict=True)]
+    # Again, with knots over what the signal reaches by now.
+    fits = list(search_all([_spread(one.candidate, parts) for one in nearer], parts, LONG))
     scores = criterion(fits)
     first, *rest = sorted(range(len(fits)), key=lambda k: scores[k])
     p_value = gain_p_value(fit, fits[first], len(curves))

@@ -71,8 +71,7 @@ def integrates(plant: Plant) -> bool:
 
     Then a long free run adds up what its laws miss, and what happened first weighs most.
     """
-    middle = {p.name: math.sqrt(p.lower * p.upper) for p in plant.parameters}
-    poles = np.linalg.eigvals(plant.laws(plant.constant_values() | middle).A)
+    poles = np.linalg.eigvals(plant.laws(plant.constant_values() | plant.middle()).A)
     return bool(np.abs(poles).min() < 1e-9 * np.abs(poles).max())
 
 

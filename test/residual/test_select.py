@@ -4,7 +4,7 @@ from __future__ import annotations
 from dataclasses import replace
 
 import pytest
-from traced_rig import fitted, PLANT, record
+from traced_rig import fitted, PLANT, record, VALUES
 
 from hydro_twin.model import place
 from hydro_twin.residual.select import contend, elsewhere, far, refine, search
@@ -24,7 +24,9 @@ def test_from_a_law_at_the_wrong_port_the_right_one_is_found(here, there, width)
     found = search(replace(alone.candidate, effects=moved.effects), parts, 40)
     (placed,) = found.candidate.effects
     assert (placed.effect.id, placed.port.name) == ('hysteresis', there)
-    assert placed.named['width'] == pytest.approx(width, rel=0.05)
+    # Lengths at the spool are known up to its gain, which the flow gain makes up for.
+    volt = found.candidate.values['K_sv'] / VALUES['K_sv'] if there == 'spool' else 1.0
+    assert placed.named['width'] == pytest.approx(width * volt, rel=0.05)
     assert found.error == pytest.approx(0.3, rel=0.1)
     assert fit.error > 1.05 * found.error
 
