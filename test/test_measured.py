@@ -157,8 +157,10 @@ def test_leg(shell: Shell, tmp_path: Path) -> None:
     # Which curve or law is found hangs on the last digits, so on the processor: none is certain.
     assert not any(effect['certain'] for effect in found['effects'])
     linear, = re.findall(r'of the shape of the load simulator \| (\S+) \|', PAGE)
-    assert found['before']['free_run']['test'] == pytest.approx(float(linear), rel=0.1)
-    assert found['after']['free_run']['test'] < 9.1        # N, on every processor
+    before, after = (found[when]['free_run']['test'] for when in ('before', 'after'))
+    assert before == pytest.approx(float(linear), rel=0.25)
+    # Better than repeating the last sample, as the linear plant is on no processor.
+    assert after < found['persistence']['test'] < before
 
 
 def test_live_on_the_played_recording(shell: Shell, tmp_path: Path, rig: Any) -> None:
