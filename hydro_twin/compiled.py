@@ -3,15 +3,18 @@ from __future__ import annotations
 
 from collections.abc import Callable
 import hashlib
+import importlib.util
 import os
 from pathlib import Path
 import sys
 import tempfile
+from types import ModuleType
 from typing import Any
 
 import numba
 from numba.core import event
 
+from hydro_twin.files import write_whole
 from hydro_twin.plugins import plugin_files
 
 PACKAGE = Path(__file__).parent
@@ -73,3 +76,22 @@ def compiled(function: Callable[..., Any]) -> Callable[..., Any]:
                                '_nrt': False}
     result: Callable[..., Any] = numba.njit(function, **options)
     return result
+
+
+def generated(name: str, source: Callable[[], str]) -> ModuleType:
+    """Import a module of generated code from the folder of compiled code.
+
+    Args:
+        name: of the module.
+        source: writes it, where the folder lacks it; it is written whole or not at all.
+    """
+    path = CACHE / f'{name}.py'
+    if not path.exists():
+        write_whole(path, source())
+    spec = importlib.util.spec_from_file_location(name, path)
+    assert spec is not None
+    assert spec.loader is not None
+    module = importlib.util.module_from_spec(spec)
+    sys.modules[name] = module
+    spec.loader.exec_module(module)
+    return module

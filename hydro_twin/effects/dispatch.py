@@ -6,13 +6,10 @@ for each effect found, into the folder of compiled code. Adding an effect is add
 from __future__ import annotations
 
 from collections.abc import Callable
-import importlib.util
-import sys
 from typing import Any
 
-from hydro_twin.compiled import CACHE
+from hydro_twin.compiled import generated
 from hydro_twin.effects import curve, Effect, EFFECTS, MODULES
-from hydro_twin.files import write_whole
 
 NAME = 'hydro_twin_dispatch'
 LAWS = [(name, effect.law) for name, effect in
@@ -35,19 +32,4 @@ def source() -> str:
         'def apply(code, v, s, p, z, h, c, z_next):', *branches, '    return v', ''])
 
 
-def load() -> Callable[..., Any]:
-    """Write the module where it is missing, whole or not at all, and import it."""
-    path = CACHE / f'{NAME}.py'
-    if not path.exists():
-        write_whole(path, source())
-    spec = importlib.util.spec_from_file_location(NAME, path)
-    assert spec is not None
-    assert spec.loader is not None
-    module = importlib.util.module_from_spec(spec)
-    sys.modules[NAME] = module
-    spec.loader.exec_module(module)
-    function: Callable[..., Any] = module.apply
-    return function
-
-
-apply = load()
+apply: Callable[..., Any] = generated(NAME, source).apply

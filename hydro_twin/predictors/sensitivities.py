@@ -8,17 +8,14 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-import importlib.util
-import sys
 from typing import Any, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
 
-from hydro_twin.compiled import CACHE, compiled
+from hydro_twin.compiled import compiled, generated
 from hydro_twin.effects.dispatch import LAWS
 from hydro_twin.effects.tangent import law_differences, law_tangent, NoTangent, PRELUDE, WEIGH
-from hydro_twin.files import write_whole
 from hydro_twin.plants.plant import FloatArray
 from hydro_twin.predictors.kernel import floor, inputs_over, interpolated, LIMIT, observe
 from hydro_twin.predictors.rows import add, clear, in_rows, put, weigh, WIDTH
@@ -74,22 +71,7 @@ def source() -> str:
                       '    return v', ''])
 
 
-def load() -> Callable[..., Any]:
-    """Write the module where it is missing, whole or not at all, and import it."""
-    path = CACHE / f'{NAME}.py'
-    if not path.exists():
-        write_whole(path, source())
-    spec = importlib.util.spec_from_file_location(NAME, path)
-    assert spec is not None
-    assert spec.loader is not None
-    module = importlib.util.module_from_spec(spec)
-    sys.modules[NAME] = module
-    spec.loader.exec_module(module)
-    function: Callable[..., Any] = module.apply
-    return function
-
-
-apply = load()
+apply: Callable[..., Any] = generated(NAME, source).apply
 
 # The rows of `Rows.spare`: value before and after an effect, and the two signals it reads.
 BEFORE, AFTER, SIGNAL = 0, 1, 2
