@@ -11,12 +11,12 @@ from scipy.linalg import expm
 
 from hydro_twin.effects import Placed
 from hydro_twin.errors import DataError
-from hydro_twin.fitting.start import find_start, Start, start_tangent, without_start
+from hydro_twin.fitting.start import find_start, Start, without_start
 from hydro_twin.model import Estimate, FittedEffect, Model
 from hydro_twin.plants import Plant
 from hydro_twin.plants.plant import FloatArray
 from hydro_twin.predictors.scores import rms
-from hydro_twin.predictors.sensitivities import NONE, run_with_slopes
+from hydro_twin.predictors.sensitivities import NONE, run_with_slopes, Tangent, tangent_of
 from hydro_twin.predictors.system import assemble, System
 from hydro_twin.recording.series import Recording
 
@@ -110,6 +110,11 @@ class Candidate:
                         self.timing)
 
     @cached_property
+    def start_tangent(self) -> Tangent:
+        """Derivatives of a step by the state at the start."""
+        return tangent_of(self.system, {}, NONE)
+
+    @cached_property
     def start_up(self) -> int:
         """How many samples at the begin of a part set its state, and are not scored."""
         return self.plant.start_samples(self.sample_time)
@@ -132,12 +137,12 @@ class Candidate:
         """Take one of the effects out."""
         return replace(self, effects=(*self.effects[:index], *self.effects[index + 1:]))
 
-    def start(self, part: Part) -> Start:
-        """Find the state at the begin of a part that its first samples show."""
+    def start(self, part: Part, near: Start | None = None) -> Start:
+        """Find the state at the begin of a part that its first samples show; see `find_start`."""
         n = part.beginning(self.start_up)
         least = max(1e-3 * rms(part.measured), 1e-12)
-        return find_start(self.system, self.free_response(n), part.inputs[:n], part.measured[:n],
-                          least)
+        return find_start(self.system, self.start_tangent, self.free_response(n), part.inputs[:n],
+                          part.measured[:n], least, near)
 
     def free_response(self, samples: int) -> FloatArray:
         """How the output moves with the state at the start, linear laws, (samples, n)."""
@@ -172,11 +177,10 @@ class Candidate:
             parts: what is run over.
             starts: of the runs, to save the search for them.
         """
-        tangent = start_tangent(self.system)
         residuals = []
         for part, start in zip(parts, starts or map(self.start, parts), strict=True):
-            y, slopes = run_with_slopes(self.system, NONE, tangent, part.inputs, start.x,
-                                        start.z)
+            y, slopes = run_with_slopes(self.system, NONE, self.start_tangent, part.inputs,
+                                        start.x, start.z)
             residuals.append(without_start(part.measured - y, slopes, self.usual_response,
                                            self.start_up).residual)
         return residuals

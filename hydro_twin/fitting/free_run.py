@@ -26,6 +26,7 @@ INSIDE = 1e-9           # distance to a bound, relative
 REWEIGHTED = 2          # further searches with new weights; they settle after one, or hardly
 SAME_WEIGHT = 2.0       # ratio of two weights that give nearly the same start
 SMALL = 0.1             # of the residual: a start that takes off less hardly turns the slopes
+UNBOUNDED = 1e50        # of a derivative, whose squares and products would overflow
 CONVERGED = 'converged'
 
 
@@ -209,6 +210,7 @@ class Found:
         residual: of all parts, scored samples only, (N,).
         slopes: rise of the output by each coordinate, (N, d).
         weights: of the first samples of each part.
+        starts: of the runs over them.
         pulled: what leaving the usual values costs, to be squared, (2 d,).
         reason: of stopping.
     """
@@ -217,6 +219,7 @@ class Found:
     residual: FloatArray
     slopes: FloatArray
     weights: tuple[float, ...]
+    starts: tuple[Start, ...]
     pulled: FloatArray
     reason: str = ''
 
@@ -293,12 +296,14 @@ class Problem:
         by = Directions([d for _, d in plant], [d for _, d in laws], [d for _, d in shifts])
         return by, order
 
-    def at(self, coordinates: FloatArray, weights: Sequence[float | None] = ()) -> Found:
+    def at(self, coordinates: FloatArray, weights: Sequence[float | None] = (),
+           near: Sequence[Start | None] = ()) -> Found:
         """Run over all parts, with derivatives; a run that diverged counts as very far off.
 
         Args:
             coordinates: of the unknowns, (d,).
             weights: of the first samples of each part, if they are to be kept.
+            near: starts of the runs under nearly the same model, to save the search for them.
         """
         candidate = self.candidate(coordinates)
         by, order = self.directions(candidate)
@@ -307,16 +312,18 @@ class Problem:
         far = 1e3 * self.size
 
         def run_from(start: Start, part: Part, weight: float | None) -> Eliminated:
-            y, slopes = run_with_slopes(system, by, tangent, part.inputs, *start)
+            y, slopes = run_with_slopes(system, by, tangent, part.inputs, start.x, start.z)
             others = np.empty((len(y), by.count))
             others[:, order] = slopes[:, :by.count]
+            others[:, np.abs(others).max(axis=0, initial=0.0) > UNBOUNDED] = 0.0
             missed = np.clip(np.nan_to_num(part.measured - y, nan=far), -far, far)
             return without_start(missed, slopes[:, by.count:], candidate.usual_response,
                                  candidate.start_up, others, weight)
 
         left = []
-        for part, weight in zip(self.parts, weights or repeat(None), strict=False):
-            start = candidate.start(part)
+        starts = [candidate.start(part, begin)
+                  for part, begin in zip(self.parts, near or repeat(None), strict=False)]
+        for part, start, weight in zip(self.parts, starts, weights or repeat(None), strict=False):
             run = run_from(start, part, weight)
             if run.taken > SMALL * rms(run.residual):
                 # The derivatives belong to a run from where elimination moves the start.
@@ -327,7 +334,8 @@ class Problem:
             left.append(run)
         return Found(coordinates, np.concatenate([run.residual for run in left]),
                      np.concatenate([run.slopes for run in left]),
-                     tuple(run.weight for run in left), self.pull(coordinates))
+                     tuple(run.weight for run in left), tuple(starts),
+                     self.pull(coordinates))
 
     def bounds(self) -> tuple[FloatArray, FloatArray]:
         """Lower and upper bounds of the coordinates."""
@@ -378,7 +386,7 @@ class Problem:
             """Run, unless the derivatives are asked where the residual was."""
             nonlocal here
             if not np.array_equal(coordinates, here.coordinates):
-                here = self.at(coordinates, weights)
+                here = self.at(coordinates, weights, here.starts)
             return here
 
         def residual(coordinates: FloatArray) -> FloatArray:

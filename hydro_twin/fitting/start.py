@@ -9,7 +9,7 @@ import numpy as np
 
 from hydro_twin.plants.plant import FloatArray
 from hydro_twin.predictors.scores import rms
-from hydro_twin.predictors.sensitivities import NONE, run_with_slopes, Tangent, tangent_of
+from hydro_twin.predictors.sensitivities import NONE, run_with_slopes, Tangent
 from hydro_twin.predictors.system import IntArray, System
 
 MOVES = 0.5             # of the mean square missed: less is left where a run starts otherwise
@@ -22,15 +22,15 @@ DAMPED = (HELD, 0.3, 10.0)      # and of one from the last step
 
 
 class Start(NamedTuple):
-    """The state at which a run starts: x (n,), and what the effects keep, z (memory,)."""
+    """The state at which a run starts: x (n,), and what the effects keep, z (memory,).
+
+    Attributes:
+        missed: sum of squares by which the run misses the first samples.
+    """
 
     x: FloatArray
     z: FloatArray
-
-
-def start_tangent(system: System) -> Tangent:
-    """Prepare a run for its derivatives by the state at its start only."""
-    return tangent_of(system, {}, NONE)
+    missed: float = math.inf
 
 
 class Eliminated(NamedTuple):
@@ -95,8 +95,8 @@ def without_start(missed: FloatArray, by_start: FloatArray, usual: FloatArray, s
     return Eliminated(left[:, 0], left[:, 1:], found[:, 0] / shown, rms(taken[:, 0]), weight)
 
 
-def find_start(system: System, response: FloatArray, inputs: FloatArray, measured: FloatArray,
-               least: float) -> Start:
+def find_start(system: System, tangent: Tangent, response: FloatArray, inputs: FloatArray,
+               measured: FloatArray, least: float, near: Start | None = None) -> Start:
     """Find the state from which the output is least missed.
 
     From rest, by a search with damped steps [Levenberg 1944], under the whole model. States that
@@ -107,22 +107,23 @@ def find_start(system: System, response: FloatArray, inputs: FloatArray, measure
 
     Args:
         system: the model.
+        tangent: of a step of it by the state only.
         response: how the output moves with the state, linear laws, (N, n).
         inputs: (N, m).
         measured: the output, (N,).
         least: movement of the output that is worth following, above zero.
+        near: where to begin (warm start), as where a model of nearly the same values started.
     """
     rest = system.start(inputs[0], measured[0])
     kept = system.kept(inputs[0], rest)
     n, width = len(rest), kept[:, 1] - kept[:, 0]
     size = max(rms(measured - measured.mean()), least)
+    met = (NEAR * size) ** 2 * len(measured)
     shown = np.sqrt(np.mean(response**2, axis=0))
     scale = np.concatenate([size / np.where(shown > 0.0, shown, 1.0), width])
     every = np.flatnonzero(scale > 0.0)
     units = np.diag(scale)
     linear = np.hstack([response * scale[:n], np.zeros((len(measured), len(width)))])
-
-    tangent = start_tangent(system)
 
     def at(state: FloatArray) -> _At:
         missed = measured - system.run(inputs, state[:n], state[n:])
@@ -170,11 +171,15 @@ def find_start(system: System, response: FloatArray, inputs: FloatArray, measure
                 break
         return here, gain(columns, HELD)
 
+    if near is not None and len(system.step.effects) > 0:
+        warm, _ = search(at(np.concatenate([near.x, near.z])), every)
+        if warm.power <= max(met, near.missed / NEARER):
+            return _start(warm, n)
     here = at(np.concatenate([rest, np.zeros(len(width))]))
     if len(system.step.effects) == 0:
         return _start(step(here, linear, HELD, 1.0), n)
     best, follows = search(here, every[every < n])
-    if best.power > (NEAR * size) ** 2 * len(measured):
+    if best.power > met:
         sides = [best.state + side * unit for unit in units[:n] for side in (-1.0, 1.0)]
         for i in np.flatnonzero(width):
             sides += [np.where(np.arange(len(scale)) == n + i, value, best.state)
@@ -198,4 +203,4 @@ class _At:
 
 
 def _start(here: _At, n: int) -> Start:
-    return Start(here.state[:n], here.state[n:])
+    return Start(here.state[:n], here.state[n:], here.power)

@@ -38,7 +38,9 @@ from hydro_twin.residual.screen import places, Prospect, screen, spans
 
 AGAIN = 5               # effects, the best by their score, that start from two places
 KEPT = 4                # effects searched to the end
-SHORT, LONG = 10, 40     # evaluations of a search: to compare, to the end
+BRIEF, SHORT, LONG = 4, 10, 40   # evaluations of a search: to drop most, to compare, to the end
+DROPPED = 3             # the best of so many searches go on after `BRIEF`: of 32 rounds on
+                        # development rigs all that mattered were among the best of ten by then
 WITHIN = 3.0            # times the error of the best: no refinement makes up for more
 HOPELESS = 5.0          # and no longer search
 PROMISING = 20.0        # gain of the log-likelihood, twice, below which a score is chance
@@ -162,13 +164,24 @@ def contend(base: Fit, parts: Sequence[Part], most: int, afresh: bool,
     plain = list(known)
     if afresh:
         plain += nearest(linear_starts(base.candidate, parts), parts)
-    tried = []
-    problems = [*_problems(plain, parts), *_problems(near, parts)]   # the long ones first
-    for fit in solve_all(problems, SHORT, 1e-5):
+    return finish(base, halved([*plain, *near], parts, progress), parts)
+
+
+def halved(candidates: Sequence[Candidate], parts: Sequence[Part],
+           progress: Callable[[str], None]) -> list[Fit]:
+    """Search all briefly and the best of them further (successive halving).
+
+    [Jamieson and Talwalkar 2016]. Where a wrong effect makes up for the lack of the right one, it
+    takes long to; the right one is ahead after a few evaluations.
+    """
+    begun = []
+    for fit in search_all(candidates, parts, BRIEF):
         last = fit.candidate.effects[-1]
         progress(f'{last.effect.id} at {last.port.name}')
-        tried.append(fit)
-    return finish(base, tried, parts)
+        begun.append(fit)
+    begun.sort(key=lambda fit: fit.cost)
+    ahead = math.ceil(len(begun) / DROPPED)
+    return [*search_all([fit.candidate for fit in begun[:ahead]], parts, SHORT), *begun[ahead:]]
 
 
 def nothing_shows(base: Fit, prospects: Sequence[Prospect]) -> bool:
