@@ -18,13 +18,8 @@ from scipy.optimize import least_squares
 
 from hydro_twin.effects import Placed
 from hydro_twin.fitting.candidate import Candidate, Part
-from hydro_twin.fitting.free_run import (
-    effect_unknowns,
-    get,
-    plant_unknowns,
-    Problem,
-    timing_unknowns,
-)
+from hydro_twin.fitting.free_run import Problem
+from hydro_twin.fitting.unknowns import effect_unknowns, get, plant_unknowns, timing_unknowns
 from hydro_twin.model import place
 from hydro_twin.plants import plant_named
 from hydro_twin.plants.plant import FloatArray

@@ -12,13 +12,8 @@ from benchmarks.tracing.rigs import BOX, Rig
 from benchmarks.tracing.signals import FloatArray
 from hydro_twin.effects import EFFECTS, Placed
 from hydro_twin.fitting.candidate import Candidate, parts_of
-from hydro_twin.fitting.free_run import (
-    effect_unknowns,
-    Fit,
-    plant_unknowns,
-    Problem,
-    timing_unknowns,
-)
+from hydro_twin.fitting.free_run import Fit, Problem
+from hydro_twin.fitting.unknowns import effect_unknowns, plant_unknowns, timing_unknowns
 from hydro_twin.plants.load_simulator import LOAD_SIMULATOR
 from hydro_twin.predictors.scores import rms
 from hydro_twin.recording.series import Recording, split

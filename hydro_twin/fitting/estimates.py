@@ -7,8 +7,9 @@ from dataclasses import replace
 import math
 from typing import Any
 
-from hydro_twin.fitting.free_run import Fit, get, label, Unknown
+from hydro_twin.fitting.free_run import Fit
 from hydro_twin.fitting.identifiability import Identifiability
+from hydro_twin.fitting.unknowns import get, label, Unknown
 from hydro_twin.model import Estimate, Model
 
 

@@ -15,6 +15,15 @@ from hydro_twin.fitting.candidate import Candidate, Part
 from hydro_twin.fitting.identifiability import assess, Identifiability
 from hydro_twin.fitting.parallel import in_processes
 from hydro_twin.fitting.start import Eliminated, Start, without_start
+from hydro_twin.fitting.unknowns import (
+    get,
+    label,
+    plant_unknowns,
+    put,
+    timing_unknowns,
+    Unknown,
+    usual,
+)
 from hydro_twin.plants import Plant
 from hydro_twin.plants.plant import FloatArray
 from hydro_twin.predictors.scores import rms
@@ -28,122 +37,6 @@ SAME_WEIGHT = 2.0       # ratio of two weights that give nearly the same start
 SMALL = 0.1             # of the residual: a start that takes off less hardly turns the slopes
 UNBOUNDED = 1e50        # of a derivative, whose squares and products would overflow
 CONVERGED = 'converged'
-
-
-@dataclass(frozen=True)
-class Unknown:
-    """One number that a fit searches, and how it stands in the candidate.
-
-    Attributes:
-        owner: '' for the plant, 'timing', or the index of an effect.
-        scale: of a coordinate that is not logarithmic.
-    """
-
-    name: str
-    owner: str
-    lower: float
-    upper: float
-    log: bool
-    scale: float = 1.0
-
-    def coordinate(self, value: float) -> float:
-        """Map a value to the coordinate of the search."""
-        return math.log(value) if self.log else value / self.scale
-
-    def value(self, coordinate: float) -> float:
-        """Map a coordinate back, kept within the bounds against rounding."""
-        raw = math.exp(coordinate) if self.log else coordinate * self.scale
-        return min(max(raw, self.lower), self.upper)
-
-
-def plant_unknowns(plant: Plant, within: str) -> list[Unknown]:
-    """List the parameters of a plant as unknowns.
-
-    Args:
-        plant: the plant.
-        within: 'box', all of them within the search box; or 'physical', within the physical
-            range, and of each combination that acts only together all but one left where they are.
-    """
-    if within == 'box':
-        return [Unknown(p.name, '', p.lower, p.upper, True) for p in plant.parameters]
-    left = left_alone(plant)
-    return [Unknown(p.name, '', p.minimum, p.maximum, True) for p in plant.parameters
-            if p.name not in left]
-
-
-def left_alone(plant: Plant) -> set[str]:
-    """Name the parameters that stay where they are, since others can stand in for them."""
-    return {name for combination in plant.combinations for name in list(combination)[1:]}
-
-
-def usual(plant: Plant) -> dict[str, tuple[float, float]]:
-    """Logarithmic search box of each parameter, where those left alone stand in the middle.
-
-    The box of a parameter that stands for a combination is that of the combination.
-    """
-    box = {p.name: (math.log(p.lower), math.log(p.upper)) for p in plant.parameters}
-    for combination in plant.combinations:
-        first, *others = combination
-        sign = combination[first]
-        room = sum(0.5 * (box[name][1] - box[name][0]) for name in others)
-        assert abs(sign) == 1
-        box[first] = (box[first][0] - room, box[first][1] + room)
-    return box
-
-
-def effect_unknowns(index: int, placed: Placed) -> list[Unknown]:
-    """List the parameters of an effect that are not fixed or left out of its law.
-
-    The values of a curve, any of which may be near zero, share one scale.
-    """
-    unknowns = []
-    moving = [(p, v) for p, v in zip(placed.effect.parameters, placed.values, strict=True)
-              if not p.fixed]
-    largest = max((abs(v) for _, v in moving if math.isfinite(v)), default=1.0)
-    for p, value in moving:
-        if value in (p.refinement, p.unreached):
-            continue
-        own = abs(value) if placed.effect.named else 0.0
-        unknowns.append(Unknown(p.name, str(index), p.lower, p.upper, p.log,
-                                own or largest or 1.0))
-    return unknowns
-
-
-def timing_unknowns(plant: Plant, sample_time: float) -> list[Unknown]:
-    """List how commands stand to their stamps: at most a sample earlier, as unknowns.
-
-    A command that is said to be held may have been interpolated, or set a moment before its
-    stamp; what the stamps cannot tell must not be taken for an effect.
-    """
-    return [Unknown(signal.name, 'timing', -sample_time, 0.0, False, sample_time)
-            for signal in plant.inputs if signal.held]
-
-
-def get(candidate: Candidate, unknown: Unknown) -> float:
-    """Read the value of an unknown."""
-    if unknown.owner == '':
-        return candidate.values[unknown.name]
-    if unknown.owner == 'timing':
-        return (candidate.timing or {}).get(unknown.name, 0.0)
-    return candidate.effects[int(unknown.owner)].named[unknown.name]
-
-
-def put(candidate: Candidate, unknowns: Sequence[Unknown], values: Sequence[float]) -> Candidate:
-    """Set the values of unknowns in a new candidate."""
-    plain = dict(candidate.values)
-    timing = dict(candidate.timing or {})
-    effects = [dict(placed.named) for placed in candidate.effects]
-    for unknown, value in zip(unknowns, values, strict=True):
-        if unknown.owner == '':
-            plain[unknown.name] = value
-        elif unknown.owner == 'timing':
-            timing[unknown.name] = value
-        else:
-            effects[int(unknown.owner)][unknown.name] = value
-    return replace(
-        candidate, values=plain, timing=timing or candidate.timing,
-        effects=tuple(replace(placed, values=tuple(named.values()))
-                      for placed, named in zip(candidate.effects, effects, strict=True)))
 
 
 @dataclass(frozen=True)
@@ -194,11 +87,6 @@ class Fit:
         names = [label(unknown) for unknown in self.unknowns]
         inside = [c for c in self.candidate.plant.combinations if all(name in names for name in c)]
         return assess(stretches, names, inside, self.at_bound())
-
-
-def label(unknown: Unknown) -> str:
-    """Name an unknown within its fit: parameters plainly, others with their owner."""
-    return unknown.name if unknown.owner == '' else f'{unknown.owner}:{unknown.name}'
 
 
 @dataclass(frozen=True)

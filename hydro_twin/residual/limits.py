@@ -7,7 +7,8 @@ from dataclasses import replace
 import numpy as np
 
 from hydro_twin.fitting.candidate import Part
-from hydro_twin.fitting.free_run import Fit, label, put, Unknown
+from hydro_twin.fitting.free_run import Fit
+from hydro_twin.fitting.unknowns import label, put, Unknown
 from hydro_twin.predictors.scores import rms
 
 UNREACHED = 1e-3        # change of the run, as a share of the residual, that no data can tell

@@ -18,17 +18,15 @@ from scipy import stats
 from hydro_twin.effects import Placed
 from hydro_twin.fitting.candidate import Candidate, Part
 from hydro_twin.fitting.equation_error import one_step_values
-from hydro_twin.fitting.free_run import (
+from hydro_twin.fitting.free_run import Fit, Problem, solve_all
+from hydro_twin.fitting.parallel import in_processes
+from hydro_twin.fitting.unknowns import (
     effect_unknowns,
-    Fit,
     plant_unknowns,
-    Problem,
-    solve_all,
     timing_unknowns,
     Unknown,
     usual,
 )
-from hydro_twin.fitting.parallel import in_processes
 from hydro_twin.fitting.whiteness import is_white
 from hydro_twin.plants.plant import FloatArray
 from hydro_twin.predictors.scores import rms
@@ -39,8 +37,8 @@ from hydro_twin.residual.screen import places, Prospect, screen, spans
 AGAIN = 5               # effects, the best by their score, that start from two places
 KEPT = 4                # effects searched to the end
 BRIEF, SHORT, LONG = 4, 10, 40   # evaluations of a search: to drop most, to compare, to the end
-DROPPED = 3             # the best of so many searches go on after `BRIEF`: of 32 rounds on
-                        # development rigs all that mattered were among the best of ten by then
+REDUCTION = 3           # one in so many searches goes on after `BRIEF`: of 55 on development
+#                         rigs the right one was among the best five by then
 WITHIN = 3.0            # times the error of the best: no refinement makes up for more
 HOPELESS = 5.0          # and no longer search
 PROMISING = 20.0        # gain of the log-likelihood, twice, below which a score is chance
@@ -180,7 +178,7 @@ def halved(candidates: Sequence[Candidate], parts: Sequence[Part],
         progress(f'{last.effect.id} at {last.port.name}')
         begun.append(fit)
     begun.sort(key=lambda fit: fit.cost)
-    ahead = math.ceil(len(begun) / DROPPED)
+    ahead = math.ceil(len(begun) / REDUCTION)
     return [*search_all([fit.candidate for fit in begun[:ahead]], parts, SHORT), *begun[ahead:]]
 
 

@@ -14,7 +14,8 @@ from scipy import signal, stats
 
 from hydro_twin.effects.curve import KNOTS
 from hydro_twin.fitting.candidate import Candidate, Part
-from hydro_twin.fitting.free_run import Fit, label
+from hydro_twin.fitting.free_run import Fit
+from hydro_twin.fitting.unknowns import label
 from hydro_twin.plants.difference_equation import DifferenceEquation, from_state_space
 from hydro_twin.plants.plant import FloatArray
 from hydro_twin.predictors.system import discretise

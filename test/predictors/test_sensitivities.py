@@ -10,13 +10,8 @@ from scipy.linalg import expm
 
 from hydro_twin.effects import EFFECTS, Placed, sites
 from hydro_twin.fitting.candidate import Candidate, Part
-from hydro_twin.fitting.free_run import (
-    effect_unknowns,
-    get,
-    plant_unknowns,
-    Problem,
-    timing_unknowns,
-)
+from hydro_twin.fitting.free_run import Problem
+from hydro_twin.fitting.unknowns import effect_unknowns, get, plant_unknowns, timing_unknowns
 from hydro_twin.plants import PLANTS
 from hydro_twin.predictors.sensitivities import Directions, run_with_slopes, tangent_of
 from hydro_twin.predictors.system import assemble

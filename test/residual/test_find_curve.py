@@ -8,7 +8,7 @@ from traced_rig import fitted, PLANT, record
 
 from hydro_twin.effects.curve import curve, KNOTS, values
 from hydro_twin.fitting.candidate import Candidate, Part
-from hydro_twin.fitting.free_run import effect_unknowns
+from hydro_twin.fitting.unknowns import effect_unknowns
 from hydro_twin.model import place
 from hydro_twin.plants import plant_named
 from hydro_twin.residual.curve import (

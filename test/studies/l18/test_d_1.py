@@ -3,7 +3,8 @@ import numpy as np
 import pytest
 
 from hydro_twin.fitting.candidate import Candidate, parts_of
-from hydro_twin.fitting.free_run import effect_unknowns, plant_unknowns, Problem
+from hydro_twin.fitting.free_run import Problem
+from hydro_twin.fitting.unknowns import effect_unknowns, plant_unknowns
 from hydro_twin.model import place
 from hydro_twin.plants.valve_servo import VALVE_SERVO
 from hydro_twin.recording.series import Recording
