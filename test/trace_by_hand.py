@@ -12,12 +12,12 @@ from hydro_twin.model import place
 from hydro_twin.plants import plant_named
 from hydro_twin.recording.series import Recording, Series
 from hydro_twin.residual.chain import Finding
-from hydro_twin.residual.curve import Found
+from hydro_twin.residual.curve import FittedCurve
 from hydro_twin.residual.evaluate import result_of
 from hydro_twin.residual.evidence import Evidence
 from hydro_twin.residual.noise import Burst, noise_floor
 from hydro_twin.residual.proof import improvement
-from hydro_twin.residual.select import Contender, search, stretches
+from hydro_twin.residual.select import Alternative, by_part, search
 from hydro_twin.result import Dependence, Hidden, Improvement, Line
 
 # For each plant, effects that show under the inputs below, and one that is tried in their place.
@@ -71,7 +71,7 @@ def unexplained(base, train, port):
     placed = [curve(port, 'value', -reach, reach, height * np.linspace(-1.0, 1.0, KNOTS) ** 3)
               for height in (0.1 * reach, 0.2 * reach)]
     fit = search(replace(base.candidate, effects=(*base.candidate.effects, placed[0])), train, 3)
-    return Found(fit, Improvement(0.4375, 0.3125, 0.5625), 1.5e-9, ((placed[1], 6.25),))
+    return FittedCurve(fit, Improvement(0.4375, 0.3125, 0.5625), 1.5e-9, ((placed[1], 6.25),))
 
 
 def result(*what, **more):
@@ -86,7 +86,7 @@ def evidence(name, found=True, curve=False, seconds=0.6, source='a bag'):
     train, test = (parts(truth, seconds, 0.01, seed, source) for seed in (1, 2))
     before = search(candidate(name), train, 10)
     after = search(truth, train, 3) if found else before
-    other = Contender(search(candidate(name, [rival]), train, 3))
+    other = Alternative(search(candidate(name, [rival]), train, 3))
     port = truth.plant.ports[0]
     return Evidence(
         plant=truth.plant, before=before, after=after, train=train, test=test,
@@ -97,8 +97,8 @@ def evidence(name, found=True, curve=False, seconds=0.6, source='a bag'):
                        for k in range(len(effects))) if found else (),
         improvement=improvement([before.candidate.residual(p) for p in test],
                                 [after.candidate.residual(p) for p in test], 0),
-        held_out_error=after.error, floor=noise_floor(stretches(after)),
-        white=is_white(stretches(after)),
+        held_out_error=after.error, floor=noise_floor(by_part(after)),
+        white=is_white(by_part(after)),
         lines=() if found else (Line(50.25, 0.125),),
         bursts=() if found else (Burst(0, 50, 100),),
         depends_on=() if found and not curve else (

@@ -190,7 +190,7 @@ class Candidate:
         """Find the residuals of runs from given states, less what others explain by linear laws.
 
         A quicker `fitted_residuals`, to compare many effects: no start is searched, and what
-        effects keep is nought at first.
+        effects keep is zero at first.
 
         Args:
             parts: what is run over.

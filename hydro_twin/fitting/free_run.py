@@ -90,8 +90,8 @@ class Fit:
 
 
 @dataclass(frozen=True)
-class Found:
-    """Where a search ended.
+class Evaluation:
+    """A run over all parts at some values of the unknowns, as where a search ended.
 
     Attributes:
         coordinates: of the unknowns, (d,).
@@ -185,7 +185,7 @@ class Problem:
         return by, order
 
     def at(self, coordinates: FloatArray, weights: Sequence[float | None] = (),
-           near: Sequence[Start | None] = ()) -> Found:
+           near: Sequence[Start | None] = ()) -> Evaluation:
         """Run over all parts, with derivatives; a run that diverged counts as very far off.
 
         Args:
@@ -220,10 +220,10 @@ class Problem:
                 if np.isfinite(moved.slopes).all():
                     run = run._replace(slopes=moved.slopes)
             left.append(run)
-        return Found(coordinates, np.concatenate([run.residual for run in left]),
-                     np.concatenate([run.slopes for run in left]),
-                     tuple(run.weight for run in left), tuple(starts),
-                     self.pull(coordinates))
+        return Evaluation(
+            coordinates, np.concatenate([run.residual for run in left]),
+            np.concatenate([run.slopes for run in left]), tuple(run.weight for run in left),
+            tuple(starts), self.pull(coordinates))
 
     def bounds(self) -> tuple[FloatArray, FloatArray]:
         """Lower and upper bounds of the coordinates."""
@@ -238,7 +238,7 @@ class Problem:
         """Search from the base, within the bounds."""
         return self.fit(self.search(evaluations, tolerance))
 
-    def search(self, evaluations: int, tolerance: float) -> Found:
+    def search(self, evaluations: int, tolerance: float) -> Evaluation:
         """Search by a trust region, as scipy does [Branch, Coleman and Li 1999].
 
         The weight of a part's first samples, see `without_start`, is kept during a search: its
@@ -266,11 +266,11 @@ class Problem:
             found = self.weighted_search(now, evaluations, tolerance)
         return found
 
-    def weighted_search(self, here: Found, evaluations: int, tolerance: float) -> Found:
+    def weighted_search(self, here: Evaluation, evaluations: int, tolerance: float) -> Evaluation:
         """Search with the weights of first samples that there are, see `search`."""
         weights, (lower, upper) = here.weights, self.bounds()
 
-        def last(coordinates: FloatArray) -> Found:
+        def last(coordinates: FloatArray) -> Evaluation:
             """Run, unless the derivatives are asked where the residual was."""
             nonlocal here
             if not np.array_equal(coordinates, here.coordinates):
@@ -288,7 +288,7 @@ class Problem:
                               xtol=1e-8, gtol=1e-12)
         return replace(last(found.x), reason=CONVERGED if found.status > 0 else 'evaluations')
 
-    def fit(self, found: Found) -> Fit:
+    def fit(self, found: Evaluation) -> Fit:
         """Take what a search has found."""
         return Fit(self.candidate(found.coordinates), self.unknowns, found.residual, found.slopes,
                    self.lengths, float(found.pulled @ found.pulled))

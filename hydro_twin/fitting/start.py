@@ -102,7 +102,7 @@ def find_start(system: System, tangent: Tangent, response: FloatArray, inputs: F
     From rest, by a search with damped steps [Levenberg 1944], under the whole model. States that
     the output does not tell stay near there: a deviation costs as if the output were measured to
     one per cent. Where a gap may stand on either side, a search ends at any; and what a play holds
-    is nought in it. So, where much is missed, it is begun again from other sides, with what is
+    is zero in it. So, where much is missed, it starts again from other sides, with what is
     kept as one more coordinate.
 
     Args:
@@ -145,8 +145,8 @@ def find_start(system: System, tangent: Tangent, response: FloatArray, inputs: F
         if not np.isfinite(here.power):
             return here
         moved = gain(columns, held) @ here.missed
-        foretold = here.missed - columns[:, every] @ (moved[every] / scale[every])
-        if not foretold @ foretold < enough * here.power:
+        predicted = here.missed - columns[:, every] @ (moved[every] / scale[every])
+        if not predicted @ predicted < enough * here.power:
             return here
         there = at(here.state + moved)
         return there if there.power < enough * here.power else here

@@ -1,4 +1,4 @@
-"""What no effect explains: a free curve at the port and over the signal where it helps most."""
+"""A law without a name: a free curve at the port, over the signal, where it improves most."""
 from __future__ import annotations
 
 from collections.abc import Sequence
@@ -15,30 +15,30 @@ from hydro_twin.predictors.system import signal_row
 from hydro_twin.residual.passing import passing
 from hydro_twin.residual.proof import proof
 from hydro_twin.residual.screen import spans
-from hydro_twin.residual.select import CLEARLY, criterion, far, gain_p_value, search_all
-from hydro_twin.residual.structure import foretold, shows
+from hydro_twin.residual.select import CLEARLY, criterion, free_run_error, gain_p_value, search_all
+from hydro_twin.residual.structure import predicted_by_ports, shows
 from hydro_twin.result import Dependence, Improvement
 
-MOST, KEPT = 8, 3       # curves that are fitted, and of these searched to the end
+MOST, KEPT = 8, 3       # curves that are fitted, and of these fitted to convergence
 ALIKE = 1e-4            # of the shares of two that are the same but for a factor
-SHORT, LONG = 8, 25     # evaluations of a search: to compare, to the end
-TOLD = 0.01             # p-value from which what is left follows what happens at the ports
-LEVEL = 1e-3            # of the test of the best, corrected for all dependences tried
-STRENGTHS = (1.0, 0.3, 0.1)     # of the curve that the linear laws suggest, to begin at
+SHORT, LONG = 8, 25     # evaluations of a search: to compare, to converge
+PREDICTED = 0.01        # p-value below which the port signals predict the residual
+LEVEL = 1e-3            # significance of the best curve, corrected for all that were tried
+STRENGTHS = (1.0, 0.3, 0.1)     # factors of the curve from the linear laws, to start from
 DRAWN = 0.8             # share of what a curve explains, from which a law of the same is enough
 LARGEST = 3.0           # values of a curve, over the largest that passes its port without it
-CONSTANT = 0.9          # share of what a curve adds that is its mean, from which it is a bias
+CONSTANT = 0.9          # share of a curve's power that is its mean, from which it is a bias
 
 
 @dataclass(frozen=True)
-class Found:
+class FittedCurve:
     """A curve that improves a model, fitted in full with all of its parameters.
 
     Attributes:
         fit: its last effect is the curve.
-        proof: what it improves on data that was not fitted.
-        p_value: of what it adds, for all that was tried.
-        others: curves elsewhere, and how much worse they are by the criterion, nearest first.
+        proof: its improvement on held-out data.
+        p_value: of the likelihood ratio, corrected for all that was tried.
+        others: curves at other ports or signals with their delta BIC, nearest first.
     """
 
     fit: Fit
@@ -53,23 +53,23 @@ class Found:
 
 
 def find_curve(fit: Fit, parts: Sequence[Part], held_out: Sequence[Part],
-               curves: Sequence[Dependence], seed: int) -> Found | None:
+               curves: Sequence[Dependence], seed: int) -> FittedCurve | None:
     """Fit a curve at each port over each signal where something shows; the best, if it helps.
 
-    By the linear laws no single curve may show, where the lack of the right one has bent the fit.
+    Carried by the linear laws, no single curve may show where the missing one has biased the fit.
 
     Args:
-        fit: the model that leaves something.
-        parts: what it was fitted to.
-        held_out: what it was not.
-        curves: what each explains of its residual by the linear laws, the most first.
+        fit: the model whose residual has structure.
+        parts: the data that it was fitted to.
+        held_out: the data that it was not.
+        curves: what each explains of the residual by the linear laws, the most first.
         seed: of the bootstrap.
 
     Returns:
-        None where no curve makes the free run better on data that was not fitted.
+        None where no curve improves the free run on held-out data.
     """
     if not curves or (not any(map(shows, curves))
-                      and foretold(fit, parts)[1] > TOLD):
+                      and predicted_by_ports(fit, parts)[1] > PREDICTED):
         return None
     places = distinct(curves)[:MOST]
     carried = spans(fit.candidate, parts)
@@ -79,7 +79,7 @@ def find_curve(fit: Fit, parts: Sequence[Part], held_out: Sequence[Part],
 
     short = search_all([begin(fit.candidate, place) for place in places], parts, SHORT)
     tried = sorted(zip(short, places, strict=True), key=lambda one: one[0].cost)[:KEPT]
-    # The parameters that the lack of the curve has bent may hold a search: so from others, too.
+    # The missing curve may have biased the parameters: so from the middle of the box, too.
     plant = fit.candidate.plant
     middle = replace(fit.candidate, values={**fit.candidate.values, **plant.middle()})
     begun = [_spread(one.candidate, parts) for one, _ in tried]
@@ -96,24 +96,25 @@ def find_curve(fit: Fit, parts: Sequence[Part], held_out: Sequence[Part],
     if p_value > LEVEL or not helps.low > 0.0:
         return None
     others = [(fits[k].candidate.effects[-1], scores[k] - scores[first]) for k in rest]
-    return Found(fits[first], helps, p_value, tuple(sorted(others, key=lambda other: other[1])))
+    return FittedCurve(fits[first], helps, p_value,
+                       tuple(sorted(others, key=lambda other: other[1])))
 
 
-def is_better(found: Found, base: Fit, named: Fit, curves: Sequence[Dependence],
+def is_better(found: FittedCurve, base: Fit, named: Fit, curves: Sequence[Dependence],
               held_out: Sequence[Part], seed: int) -> bool:
-    """Whether one curve does clearly better than all effects that were named instead of it.
+    """Whether one curve is clearly better than all effects that were named instead of it.
 
-    On what was fitted, and not clearly worse on what was not. Not where one of these is a law of
-    the same signal at the same place (or where a curve would do as well) that explains most of
-    what the curve does, which only draws it more finely; nor where it is a bias, and the curve
-    little else.
+    On the fitted data, and not clearly worse on the held-out data. Not where one of these is a
+    law of the same signal at the same port (or where a curve would do as well) that explains most
+    of what the curve does, which only describes it more finely; nor where it is a bias, and the
+    curve little else.
 
     Args:
         found: a curve on the model before.
         base: the model before.
         named: the model with effects.
         curves: what each explains of the residual of the model before.
-        held_out: what was not fitted.
+        held_out: the data that were not fitted.
         seed: of the bootstrap.
     """
     here = [found.placed, *(other for other, distance in found.others if distance < CLEARLY)]
@@ -150,7 +151,7 @@ def is_drawn(place: tuple[Port, str], named: Fit, curves: Sequence[Dependence]) 
 
 
 def is_bias(placed: Placed) -> bool:
-    """Whether an effect adds the same whatever happens."""
+    """Whether an effect adds a constant."""
     return placed.effect.id == 'bias'
 
 
@@ -188,7 +189,7 @@ def _begin(candidate: Candidate, dependence: Dependence, parts: Sequence[Part], 
     tried = [replace(candidate, effects=(*candidate.effects, curve(
         dependence.port, dependence.signal, float(low), float(high),
         np.clip(strength * dependence.curve, -limit, limit), limit))) for strength in STRENGTHS]
-    return min(tried, key=lambda c: far(c, parts))
+    return min(tried, key=lambda c: free_run_error(c, parts))
 
 
 def _spread(candidate: Candidate, parts: Sequence[Part]) -> Candidate:
@@ -206,9 +207,9 @@ def _spread(candidate: Candidate, parts: Sequence[Part]) -> Candidate:
 def reached(candidate: Candidate, parts: Sequence[Part]) -> tuple[float, float]:
     """Say what the signal of the curve, the last effect, reached in the recording.
 
-    What both the run with the curve and that without it reach, which the recorded inputs alone
-    drive from rest: a curve may drive its own signal to where the rig never was, and so may the
-    state at the start that it leads to. The output itself is measured.
+    The range that both the run with the curve and the run without it, from rest, reach: a curve,
+    or the initial state fitted with it, may drive its own signal to where the rig never was. The
+    output itself is measured.
     """
     placed = candidate.effects[-1]
     signal, system = placed.effect.reads[0], candidate.system

@@ -9,7 +9,7 @@ from hydro_twin.fitting.free_run import Fit
 from hydro_twin.plants import Plant
 from hydro_twin.recording.series import Recording
 from hydro_twin.residual.chain import Finding, HELD_OUT
-from hydro_twin.residual.curve import Found
+from hydro_twin.residual.curve import FittedCurve
 from hydro_twin.residual.noise import Burst
 from hydro_twin.result import Dependence, Hidden, Improvement, Line
 
@@ -58,7 +58,7 @@ class Evidence:
     depends_on: tuple[Dependence, ...]
     drifts: tuple[float, float]
     by_ports: tuple[float, float]
-    found: Found | None = None
+    found: FittedCurve | None = None
     tested: int = 0
 
     @property

@@ -122,7 +122,7 @@ def resampled(candidate: Candidate, sample_time: float) -> Candidate:
 def harmless_factor(fit: Fit, parts: Sequence[Part], recorded: int) -> int:
     """Find the power of two by which a long recording may be thinned.
 
-    So far that no more is left than it takes, or as far as the free run of the fit hardly changes.
+    Until no more samples are left than needed, or as long as the free run hardly changes.
 
     Args:
         fit: the linear fit to the parts.

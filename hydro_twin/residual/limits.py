@@ -11,7 +11,7 @@ from hydro_twin.fitting.free_run import Fit
 from hydro_twin.fitting.unknowns import label, put, Unknown
 from hydro_twin.predictors.scores import rms
 
-UNREACHED = 1e-3        # change of the run, as a share of the residual, that no data can tell
+UNREACHED = 1e-3        # change of the run, as a share of the residual, that no data can show
 
 
 def without_unreached(fit: Fit, parts: Sequence[Part]) -> Fit:

@@ -22,7 +22,7 @@ from hydro_twin.plants.plant import FloatArray
 from hydro_twin.residual.excerpt import integrates
 from hydro_twin.result import Hidden
 
-VISIBLE = 50.0          # power of an effect over the noise's, times the samples, that is seen
+VISIBLE = 50.0          # ratio of an effect's energy to the noise variance at which it shows
 
 
 @dataclass(frozen=True)
@@ -40,9 +40,10 @@ class Prospect:
 
 
 def spans(candidate: Candidate, parts: Sequence[Part]) -> dict[Port, Span]:
-    """Find how far each port and signal moves when the candidate runs over the parts.
+    """Find the range of each port and signal when the candidate runs over the parts.
 
-    From the first scored sample on: a state that the first samples tell badly may start anywhere.
+    From the first scored sample on: a state that the first samples hardly determine may start
+    anywhere.
     """
     plant = candidate.plant
     rows = len(candidate.system.step.H)
@@ -123,7 +124,7 @@ def _tuning(fit: Fit) -> FloatArray:
 
 
 def _untuned(output: FloatArray, basis: FloatArray) -> FloatArray:
-    """Take off an output what re-tuning could do as well."""
+    """Project the effect of re-tuning out of an output."""
     rest: FloatArray = output - basis @ (basis.T @ output)
     return rest
 
@@ -153,7 +154,7 @@ def _response(without: _Without, parts: Sequence[Part], basis: FloatArray, place
 
 
 def _promise(prospect: Prospect) -> float:
-    """Share explained, less where the start is far too weak or too strong to trust its shape."""
+    """Share explained, reduced where the start is much too weak or too strong to be linear."""
     if prospect.gain <= 0.0:
         return 0.0
     return prospect.share / (1.0 + 0.05 * math.log(prospect.gain) ** 2)

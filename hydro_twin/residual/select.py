@@ -1,8 +1,8 @@
-"""Choosing an effect: full fits of the promising ones, compared by a criterion.
+"""Choosing the next effect: alternatives are fitted with the plant and compared by their BIC.
 
-Every contender is fitted in full, with all physical parameters, from its own starts. They are
-compared by Schwarz's criterion on residuals whitened alike, so that coloured noise does not
-count as so many independent samples.
+Each alternative is fitted together with all physical parameters, from its own starting points. The
+BIC is that of the residuals after one whitening filter for all, so that samples of coloured noise
+do not count as independent.
 """
 from __future__ import annotations
 
@@ -34,19 +34,20 @@ from hydro_twin.residual.excerpt import between_ends, integrates
 from hydro_twin.residual.noise import autoregression, whiten
 from hydro_twin.residual.screen import places, Prospect, screen, spans
 
-AGAIN = 5               # effects, the best by their score, that start from two places
-KEPT = 4                # effects searched to the end
-BRIEF, SHORT, LONG = 4, 10, 40   # evaluations of a search: to drop most, to compare, to the end
-REDUCTION = 3           # one in so many searches goes on after `BRIEF`: of 55 on development
-#                         rigs the right one was among the best five by then
-WITHIN = 3.0            # times the error of the best: no refinement makes up for more
-HOPELESS = 5.0          # and no longer search
-PROMISING = 20.0        # gain of the log-likelihood, twice, below which a score is chance
+AGAIN = 5               # effects with the best scores that are searched from two starting points
+KEPT = 4                # effects that are fitted to convergence
+BRIEF, SHORT, LONG = 4, 10, 40   # evaluations: of a first search, to compare, to converge
+REDUCTION = 3           # one search in so many is continued after `BRIEF` evaluations: of 55
+#                         searches on development rigs the right one was among the best five then
+WITHIN = 3.0            # ratio to the lowest error beyond which no refinement makes up for it
+HOPELESS = 5.0          # and beyond which no longer search does
+PROMISING = 20.0        # likelihood ratio below which a score is chance
+CLEARLY = 10.0          # difference of the BIC from which one law is preferred to another
 
 
 @dataclass(frozen=True)
-class Contender:
-    """An effect added to the base and fitted in full; the last of the candidate's effects."""
+class Alternative:
+    """A fit with one effect more than the base: the last of the candidate's effects."""
 
     fit: Fit
 
@@ -61,32 +62,32 @@ class Contender:
         return self.placed.effect.id
 
 
-def stretches(fit: Fit) -> list[FloatArray]:
-    """Cut the residual of a fit back into its parts."""
+def by_part(fit: Fit) -> list[FloatArray]:
+    """Split the residual of a fit into its parts."""
     return np.split(fit.residual, np.cumsum(fit.lengths)[:-1])
 
 
 def search(candidate: Candidate, parts: Sequence[Part], evaluations: int) -> Fit:
-    """Fit all physical parameters, timing and effects of a candidate from where it stands.
+    """Fit all physical parameters, timing and effects of a candidate from its present values.
 
-    But effects that a free curve was added to stay as they are, since it can imitate them.
+    Effects beside which a free curve was added are held, since the curve can imitate them.
     """
     return next(search_all([candidate], parts, evaluations))
 
 
 def search_all(candidates: Sequence[Candidate], parts: Sequence[Part], evaluations: int
                ) -> Iterator[Fit]:
-    """Do so for several, on all cores, and yield the fits in their order."""
+    """Fit several, on all cores, and yield the fits in their order."""
     return solve_all(_problems(candidates, parts), evaluations, 1e-5)
 
 
 def _problems(candidates: Sequence[Candidate], parts: Sequence[Part]) -> list[Problem]:
-    """Set up the search of each candidate."""
+    """Set up the fit of each candidate."""
     return [Problem(candidate, _searched(candidate), parts) for candidate in candidates]
 
 
 def _searched(candidate: Candidate) -> list[Unknown]:
-    """List what is searched of a candidate."""
+    """List the unknowns of a candidate."""
     plant = candidate.plant
     delayed = any(placed.effect.shifts for placed in candidate.effects)
     unknowns = plant_unknowns(plant, 'physical')
@@ -99,16 +100,16 @@ def _searched(candidate: Candidate) -> list[Unknown]:
 
 
 def criterion(fits: Sequence[Fit]) -> list[float]:
-    """Schwarz's criterion of fits to the same parts, whitened by the memory of the best.
+    """BIC of fits to the same parts, their residuals whitened by the filter of the best.
 
     N ln(S/N) + d ln N, with S the sum of squares and d the number of unknowns that are not at
-    the edge of their range.
+    a bound.
     """
     best = min(fits, key=lambda fit: fit.cost)
-    filter_ = autoregression(stretches(best))
+    filter_ = autoregression(by_part(best))
     values = []
     for fit in fits:
-        white = whiten(stretches(fit), filter_)
+        white = whiten(by_part(fit), filter_)
         n = len(white)
         power = float(white @ white)
         power *= 1.0 + fit.pulled / max(float(fit.residual @ fit.residual), 1e-300)
@@ -119,36 +120,36 @@ def criterion(fits: Sequence[Fit]) -> list[float]:
 
 def gain_p_value(before: Fit, after: Fit, tried: int) -> float:
     """Likelihood-ratio test of what the last effect adds, times the number of effects tried."""
-    ratio = likelihood_gain(stretches(before), stretches(after))
+    ratio = likelihood_gain(by_part(before), by_part(after))
     added = max(1, len(after.unknowns) - len(before.unknowns))
     log_p = float(stats.chi2.logsf(max(ratio, 0.0), added)) + math.log(tried)
     return min(1.0, math.exp(max(log_p, -700.0)))
 
 
 def likelihood_gain(before: Sequence[FloatArray], after: Sequence[FloatArray]) -> float:
-    """Twice the gain of the log-likelihood, residuals whitened by the memory of the latter."""
+    """Twice the gain of the log-likelihood, residuals whitened by the filter of the latter."""
     filter_ = autoregression(after)
     a, b = (whiten(pieces, filter_) for pieces in (before, after))
     return len(a) * math.log(max(float(a @ a), 1e-300) / max(float(b @ b), 1e-300))
 
 
-def contend(base: Fit, parts: Sequence[Part], most: int, afresh: bool,
-            progress: Callable[[str], None] = lambda _: None,
-            known: Sequence[Candidate] = ()) -> list[Contender]:
-    """Fit effects on top of a base in full; best first.
+def fit_alternatives(base: Fit, parts: Sequence[Part], most: int, afresh: bool,
+                     progress: Callable[[str], None] = lambda _: None,
+                     known: Sequence[Candidate] = ()) -> list[Alternative]:
+    """Fit a base with one effect more, for each effect and port; best first.
 
-    A small score does not rule an effect out: re-tuning may imitate it where the base stands,
-    but not where the full fit would stand; an effect that hides in this way always has its turn.
-    And a strong effect bends the linear fit so far that no path leads on from there, so a first
-    round also starts from the middle of the box, or from the fit by one-step error.
+    A low score does not rule an effect out: the parameters may imitate it at the base's values,
+    but not at those of the full fit. An effect that hides in this way is always fitted. And a
+    strong effect biases the linear fit so much that no search leads on from there. So a first
+    round also starts from the middle of the box and from the fit by the one-step error.
 
     Args:
-        base: what they are added to.
-        parts: what is fitted.
-        most: how many effects to fit, by their score; delays, which are cheap, always.
-        afresh: whether to fit every effect with the plant from the middle of its box, too.
-        progress: told what is being fitted.
-        known: more places to start from, each with one effect more than the base.
+        base: the fit without the effect.
+        parts: the data to fit.
+        most: how many effects to fit, by their score, beside those that hide.
+        afresh: whether to start with other values of the plant's parameters, too.
+        progress: called with what is being fitted.
+        known: further starting points, each with one effect more than the base.
     """
     prospects = screen(base, parts)
     if not afresh and nothing_shows(base, prospects):
@@ -167,10 +168,10 @@ def contend(base: Fit, parts: Sequence[Part], most: int, afresh: bool,
 
 def halved(candidates: Sequence[Candidate], parts: Sequence[Part],
            progress: Callable[[str], None]) -> list[Fit]:
-    """Search all briefly and the best of them further (successive halving).
+    """Fit all with few evaluations, and the best of them with more (successive halving).
 
-    [Jamieson and Talwalkar 2016]. Where a wrong effect makes up for the lack of the right one, it
-    takes long to; the right one is ahead after a few evaluations.
+    [Jamieson and Talwalkar 2016]. A wrong effect takes long to make up for the right one, which is
+    ahead after a few evaluations.
     """
     begun = []
     for fit in search_all(candidates, parts, BRIEF):
@@ -183,9 +184,9 @@ def halved(candidates: Sequence[Candidate], parts: Sequence[Part],
 
 
 def nothing_shows(base: Fit, prospects: Sequence[Prospect]) -> bool:
-    """Whether what is left is white, and no effect promises anything."""
+    """Whether the residual is white and no effect has a score above chance."""
     most = max((p.share for p in prospects), default=0.0)
-    return most * len(base.residual) < PROMISING and is_white(stretches(base))
+    return most * len(base.residual) < PROMISING and is_white(by_part(base))
 
 
 def with_effect(candidate: Candidate, placed: Placed) -> Candidate:
@@ -195,11 +196,11 @@ def with_effect(candidate: Candidate, placed: Placed) -> Candidate:
 
 
 def linear_starts(candidate: Candidate, parts: Sequence[Part]) -> list[Candidate]:
-    """List linear models to begin at: the middle of the box, and the fit by the one-step error.
+    """List linear models to start from: the middle of the box, and fits by the one-step error.
 
-    What the model lacks may bend the fit of the free run until no search leads back. Where the
-    plant integrates, what stands at an end of its travel says that it hardly moves, so there is a
-    fit to what lies between, too.
+    The missing effect may bias the fit of the free run so much that no search leads back. Where
+    the plant integrates, samples at the ends of its travel would make the gain zero, so there is a
+    fit to those between, too.
     """
     plant = candidate.plant
     middle = {name: math.exp(0.5 * (low + high)) for name, (low, high) in usual(plant).items()}
@@ -219,7 +220,7 @@ def with_each(linear: Candidate, parts: Sequence[Part]) -> list[Candidate]:
 
 
 def nearest(models: Sequence[Candidate], parts: Sequence[Part]) -> list[Candidate]:
-    """Add each effect at each port to that model, from that start, with which it misses least."""
+    """Add each effect at each port to the model, and from the start, of the lowest error."""
     best: dict[tuple[str, str], tuple[float, Candidate]] = {}
     for model in models:
         tried = with_each(model, parts)
@@ -235,20 +236,20 @@ def nearest(models: Sequence[Candidate], parts: Sequence[Part]) -> list[Candidat
 
 
 def _missed(candidate: Candidate, parts: Sequence[Part], states: Sequence[FloatArray]) -> float:
-    """RMS of the residual from given states, very large where the run diverges."""
+    """RMS of the residual from given initial states, 1e30 where the run diverges."""
     return rms(np.nan_to_num(np.concatenate(candidate.residuals_from(parts, states)), nan=1e30))
 
 
-def far(candidate: Candidate, parts: Sequence[Part]) -> float:
-    """RMS of the residual as it stands, very large where the run diverges."""
+def free_run_error(candidate: Candidate, parts: Sequence[Part]) -> float:
+    """RMS of the residual at the present values, 1e30 where the run diverges."""
     return rms(np.nan_to_num(np.concatenate([candidate.residual(p) for p in parts]), nan=1e30))
 
 
-def finish(base: Fit, tried: Sequence[Fit], parts: Sequence[Part]) -> list[Contender]:
-    """Search the best fits to the end, refine their last effects, and rank all of them.
+def finish(base: Fit, tried: Sequence[Fit], parts: Sequence[Part]) -> list[Alternative]:
+    """Fit the best to convergence, refine their last effects, and rank all of them.
 
-    The law of the best is tried at its other ports, too, from where it fits and from the base:
-    its own start there may have ended in a local minimum.
+    The law of the best is tried at its other ports, too, from its fit and from the base: the
+    search from its own start there may have ended in a local minimum.
     """
     ranked = best_at_each_place(tried)
     kept = [fit for fit in ranked[:KEPT] if fit.error <= HOPELESS * ranked[0].error]
@@ -257,29 +258,30 @@ def finish(base: Fit, tried: Sequence[Fit], parts: Sequence[Part]) -> list[Conte
     done = refine([fit for fit in longer if fit.error <= near], parts)
     done += [fit for fit in longer if fit.error > near]
     for best in best_at_each_place(done)[:1]:
-        moved = elsewhere(best.candidate, parts)
+        moved = relocated(best.candidate, parts)
         moved += [replace(base.candidate, effects=there.effects) for there in moved]
         done += search_all(moved, parts, LONG)
-    fits = [fit for fit in best_at_each_place(done + ranked[len(kept):]) if told(fit, parts)]
+    fits = [fit for fit in best_at_each_place(done + ranked[len(kept):])
+            if is_distinguishable(fit, parts)]
     if not fits:
         return []
     scores = criterion(fits)
     order = np.argsort(scores, kind='stable')
-    return simplest_first([Contender(fits[k]) for k in order], [scores[k] for k in order])
+    return simplest_first([Alternative(fits[k]) for k in order], [scores[k] for k in order])
 
 
-def simplest_first(contenders: list[Contender], scores: Sequence[float]) -> list[Contender]:
-    """Move the simpler effect to the front, unless the best is clearly better by the criterion.
+def simplest_first(alternatives: list[Alternative], scores: Sequence[float]) -> list[Alternative]:
+    """Move the simpler effect to the front, unless the best is clearly better by its BIC.
 
     Args:
-        contenders: best first.
-        scores: their criterion.
+        alternatives: best first.
+        scores: their BIC.
     """
-    simpler = contenders[0].placed.effect.simpler
-    for k, contender in enumerate(contenders):
-        if contender.id == simpler and scores[k] < scores[0] + CLEARLY:
-            return [contender, *contenders[:k], *contenders[k + 1:]]
-    return contenders
+    simpler = alternatives[0].placed.effect.simpler
+    for k, alternative in enumerate(alternatives):
+        if alternative.id == simpler and scores[k] < scores[0] + CLEARLY:
+            return [alternative, *alternatives[:k], *alternatives[k + 1:]]
+    return alternatives
 
 
 def best_at_each_place(fits: Sequence[Fit]) -> list[Fit]:
@@ -291,8 +293,8 @@ def best_at_each_place(fits: Sequence[Fit]) -> list[Fit]:
     return list(best.values())
 
 
-def elsewhere(candidate: Candidate, parts: Sequence[Part]) -> list[Candidate]:
-    """Move the last effect to each other port that takes it, as strong as it is here."""
+def relocated(candidate: Candidate, parts: Sequence[Part]) -> list[Candidate]:
+    """Move the last effect to each other port where it can sit, scaled to the signal there."""
     *others, last = candidate.effects
     reach = spans(candidate, parts)
     moved = []
@@ -306,10 +308,10 @@ def elsewhere(candidate: Candidate, parts: Sequence[Part]) -> list[Candidate]:
 
 
 def refine(fits: Sequence[Fit], parts: Sequence[Part], index: int = -1) -> list[Fit]:
-    """Let in the refinements of an effect, the last or another, where they are clearly better.
+    """Add refinements to the law of an effect, the last or another, where clearly better.
 
-    And take out those that are not, which made up for an effect that was lacking then. Each fit is
-    refined by itself; together they keep all cores busy.
+    And remove those that are not: they made up for an effect that was missing at the time. Each
+    fit is refined by itself; they are fitted in one batch.
     """
     formed = [_forms(fit, parts, index) for fit in fits]
     short = search_all([form for forms in formed for form in forms], parts, SHORT)
@@ -334,7 +336,7 @@ def _is_refined(fit: Fit, index: int) -> bool:
 
 
 def _forms(fit: Fit, parts: Sequence[Part], index: int) -> list[Candidate]:
-    """List the other forms of an effect: the simple law first, if it is not, then refined ones."""
+    """List other forms of an effect: the simple law, unless it is that, then refined ones."""
     placed = fit.candidate.effects[index]
     if placed.effect.refined is None:
         return []
@@ -351,18 +353,15 @@ def _forms(fit: Fit, parts: Sequence[Part], index: int) -> list[Candidate]:
     return [form(values) for values in (*simplest, *placed.effect.refined(reach, placed.values))]
 
 
-def told(fit: Fit, parts: Sequence[Part]) -> bool:
-    """Whether the recording tells the last effect, as fitted, from something simpler."""
+def is_distinguishable(fit: Fit, parts: Sequence[Part]) -> bool:
+    """Whether the recording distinguishes the last effect, as fitted, from a simpler one."""
     last = fit.candidate.effects[-1]
     return last.effect.distinguishable is None or last.effect.distinguishable(
         spans(fit.candidate, parts)[last.port], last.values)
 
 
-CLEARLY = 10.0          # difference of the criterion from which one law is preferred to another
-
-
 def shortlist(prospects: Sequence[Prospect], most: int) -> list[Placed]:
-    """Take the best effects on their ports: two starts for the first few, one for the others."""
+    """Take the effects of the best scores: two starts for the first few, one for the others."""
     starts: dict[tuple[str, str, str], list[Placed]] = {}
     for prospect in prospects:
         placed = prospect.placed

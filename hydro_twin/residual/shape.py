@@ -20,7 +20,7 @@ from hydro_twin.plants.plant import FloatArray
 from hydro_twin.predictors.scores import rms
 from hydro_twin.residual.noise import autoregression
 from hydro_twin.residual.passing import Passing, passing
-from hydro_twin.residual.select import stretches
+from hydro_twin.residual.select import by_part
 from hydro_twin.residual.structure import BLOCK, hats, to_output
 from hydro_twin.result import FreeCurve, Profile, Shape
 
@@ -47,7 +47,7 @@ def free_curves(fit: Fit, placed: Placed, seen: Sequence[Passing], name: str) ->
     carry, start_up = to_output(fit.candidate), fit.candidate.start_up
     b = carry.b[:, fit.candidate.plant.ports.index(placed.port)]
     a = np.concatenate([[1.0], carry.a])
-    filter_ = autoregression(stretches(fit))
+    filter_ = autoregression(by_part(fit))
     reach = np.concatenate([p.signals[name] for p in seen])
     knots = _knots(reach, placed.effect.implicit)
 

@@ -26,9 +26,9 @@ FOLDS = 5
 RIDGES = (1e-5, 1e-3, 1e-1)     # of which the best is taken, and counted as three tries
 LAGS = (0.005, 0.025)    # [s]
 LEVEL = 0.01            # of the test, for all dependences together
-WORTH = 0.01            # least share worth telling
+WORTH = 0.01            # least share that is reported
 UNBOUNDED = 1e100       # of a column, whose squares would overflow
-DRIFTS = 0.05           # least share of a drift worth telling
+DRIFTS = 0.05           # least share of a drift that is reported
 
 
 def to_output(candidate: Candidate) -> DifferenceEquation:
@@ -51,8 +51,8 @@ def hats(values: FloatArray, knots: FloatArray) -> FloatArray:
 def dependences(fit: Fit, parts: Sequence[Part]) -> list[Dependence]:
     """Find what the residual of a fit depends on, the strongest first.
 
-    Only dependences are returned that foretell blocks of the residual that they were not fitted
-    to, more than noise would.
+    Only dependences are returned that predict blocks of the residual that they were not fitted
+    to, better than noise would.
     """
     return [curve for curve in free_curves(fit, parts) if shows(curve)]
 
@@ -104,9 +104,9 @@ def explained(columns: FloatArray, residual: FloatArray, basis: FloatArray
               ) -> tuple[FloatArray, float, float]:
     """Regress a residual on columns, both less what re-tuning could do (the basis).
 
-    The share of the residual's power that is foretold is that of blocks by the other blocks,
-    every fifth at a time, so that more columns do not explain more by themselves. The p-value is
-    that of the gain being above zero over the blocks, by Student's test of its mean or by
+    The share of the residual's power is cross-validated: each fifth of the blocks is predicted by
+    the others, so that more columns do not explain more by themselves. The p-value is that of
+    the gain being above zero over the blocks, by Student's test of its mean or by
     Wilcoxon's of its ranks, which holds for coloured noise as long as the blocks are longer than
     its memory.
 
@@ -142,7 +142,7 @@ def explained(columns: FloatArray, residual: FloatArray, basis: FloatArray
 
 
 def _gains(scores: FloatArray, residual: FloatArray, count: int, ridge: float) -> FloatArray:
-    """Return what each of `count` blocks loses of its power by what the other folds foretell."""
+    """Return what each of `count` blocks loses of its power by what the other folds predict."""
     edges = np.linspace(0, len(residual), count + 1).astype(int)
     blocks = [slice(a, b) for a, b in pairwise(edges)]
     grams = np.array([scores[b].T @ scores[b] for b in blocks])
@@ -187,14 +187,15 @@ def _carried(columns: FloatArray, b: FloatArray, a: FloatArray) -> FloatArray:
     return carried
 
 
-def foretold(fit: Fit, parts: Sequence[Part]) -> tuple[float, float]:
-    """Share of a residual that what happens at the ports foretells, in any way, and its p-value.
+def predicted_by_ports(fit: Fit, parts: Sequence[Part]) -> tuple[float, float]:
+    """Share of a residual that the port signals predict, in any way, and its p-value.
 
     The columns are the signals, their odd and even powers and their products in pairs, each at
     once and through two lags: enough to see that something is left where no single curve shows
     what. They are those of one sample before, since a controller answers the noise of a sample
     with the command of the same; nor is what is held against the edge of its range re-tuned, as
-    the timing, by which that command would act at once. Noise, white or coloured, is not foretold.
+    the timing, by which that command would act at once. Noise, white or coloured, is not
+    predicted.
     """
     sample_time = fit.candidate.sample_time
     observed = _observe(fit.candidate, parts)

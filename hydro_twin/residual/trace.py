@@ -16,10 +16,10 @@ from hydro_twin.predictors.scores import errors_by_series, rms
 from hydro_twin.recording.series import moves_alike, Recording, split, split_by_series
 from hydro_twin.residual.chain import (
     Chain,
+    Context,
     ENOUGH,
     finely,
     FINEST,
-    Ground,
     grow,
     other_findings,
     supported,
@@ -27,7 +27,7 @@ from hydro_twin.residual.chain import (
 )
 from hydro_twin.residual.curve import (
     find_curve,
-    Found,
+    FittedCurve,
     is_better,
     is_bias,
     is_drawn,
@@ -40,13 +40,19 @@ from hydro_twin.residual.limits import without_unreached
 from hydro_twin.residual.noise import bursts, lines, noise_floor
 from hydro_twin.residual.proof import improvement, proof, residuals
 from hydro_twin.residual.screen import hidden
-from hydro_twin.residual.select import CLEARLY, contend, criterion, search, stretches
-from hydro_twin.residual.structure import dependences, drift, foretold, free_curves, shows
+from hydro_twin.residual.select import by_part, CLEARLY, criterion, fit_alternatives, search
+from hydro_twin.residual.structure import (
+    dependences,
+    drift,
+    free_curves,
+    predicted_by_ports,
+    shows,
+)
 from hydro_twin.result import Dependence, Improvement, SERIES, SIXTH, THIRD, TraceResult
 
-AT_LAST = 60_000        # samples of a recording that was thinned, fitted whole in the end
+AT_LAST = 60_000        # samples of a thinned recording that are all used in the final fit
 EVERY = 1000            # effects fitted in full in the first round
-LIKELY = 0.05           # p-value from which something may be left that names do not explain
+LIKELY = 0.05           # p-value below which the named effects may not explain everything
 
 
 def trace(recording: Recording, test: Recording | None, plant: Plant,
@@ -65,7 +71,7 @@ def trace(recording: Recording, test: Recording | None, plant: Plant,
         constants: of the rig, where they differ from the plant's defaults.
         model: where to start, instead of a fresh fit of the linear plant.
         seed: of the random starts and of the bootstrap.
-        progress: told what is being done.
+        progress: called with what is being done.
 
     Raises:
         DataError: a recording is too short, constant or not finite.
@@ -135,25 +141,26 @@ def _search(train: Recording, test: Recording, plant: Plant,
     if factor > 1 or model is not None:
         base = search(resampled(before.candidate, factor * sample_time), parts, 40)
     given = len(base.candidate.effects)
-    alone = [] if known is None else [
+    single = [] if known is None else [
         replace(resampled(known, base.candidate.sample_time),
                 effects=(*known.effects[:given], placed)) for placed in known.effects[given:]]
-    contenders = contend(base, parts, EVERY, True, progress, alone)
-    if contenders:
-        base = without_last(base, contenders[0].fit, parts)
-    ground = Ground(parts, others, seed, progress)
-    chain = grow(base, contenders, ground)
+    alternatives = fit_alternatives(base, parts, EVERY, True, progress, single)
+    if alternatives:
+        base = without_last(base, alternatives[0].fit, parts)
+    context = Context(parts, others, seed, progress)
+    chain = grow(base, alternatives, context)
     if chain.findings:
         better = search(finely(chain.fit, parts, FINEST).candidate, parts, 60)
-        chain = supported(replace(chain, fit=better), base, ground)
+        chain = supported(replace(chain, fit=better), base, context)
     if not chain.findings:
         chain = Chain(base)
     progress('free curve')
-    chain, found = _with_curve(chain, base, ground)
+    chain, found = _with_curve(chain, base, context)
     final = chain.fit if found is None else found.fit
     if final is not base:
-        led = search(replace(final.candidate, effects=final.candidate.effects[:given]), parts, 40)
-        base, first = min(ground.best(base), led, key=lambda fit: fit.cost), base
+        bare = replace(final.candidate, effects=final.candidate.effects[:given])
+        from_final = search(bare, parts, 40)
+        base, first = min(context.best(base), from_final, key=lambda fit: fit.cost), base
         chain = Chain(base) if chain.fit is first else chain
     after = chain.fit
     if factor > 1:
@@ -177,7 +184,7 @@ def _search(train: Recording, test: Recording, plant: Plant,
     if chain.findings and not gain.low > 0.0:
         chain, after = Chain(base), base
         gain = _gain(before, base, test, seed)
-    pieces = stretches(after)
+    pieces = by_part(after)
     traced = Evidence(
         plant=plant, before=before, after=after, train=whole, test=held_out,
         recordings={'train': train, 'test': test}, fitted=fine, hidden=(),
@@ -187,14 +194,14 @@ def _search(train: Recording, test: Recording, plant: Plant,
         lines=tuple(lines(pieces, sample_time)),
         bursts=tuple(bursts(residuals(after, [*whole, *held_out]))),
         depends_on=tuple(dependences(after, fine)), drifts=drift(after),
-        by_ports=foretold(after, fine), found=found)
+        by_ports=predicted_by_ports(after, fine), found=found)
     return traced if traced.fails else replace(traced, hidden=tuple(hidden(after, fine)))
 
 
 def _linear(plain: Candidate, parts: Sequence[Part], seed: int) -> Fit:
     """Fit the linear plant within its physical range; no worse than the fit within the box.
 
-    What a better fit of the linear plant gains must not be credited to an effect.
+    The gain of a better linear fit must not be credited to an effect.
 
     Args:
         plain: that fit, as `refit` makes it.
@@ -213,71 +220,72 @@ def _gain(before: Fit, after: Fit, test: Recording, seed: int) -> Improvement:
     return improvement(first, then, seed)
 
 
-def _with_curve(chain: Chain, base: Fit, ground: Ground) -> tuple[Chain, Found | None]:
-    """Look for a free curve on top of what was named, or instead of it.
+def _with_curve(chain: Chain, base: Fit, context: Context) -> tuple[Chain, FittedCurve | None]:
+    """Look for a free curve beside the named effects, or instead of them.
 
-    A law that has no name, but one place, is often imitated by several that have one.
+    Several named effects often imitate one law that has no name.
 
     Args:
-        chain: the model with what was named.
-        base: the fit without any of it.
-        ground: the data.
+        chain: the model with the named effects.
+        base: the fit without any of them.
+        context: the data.
 
     Returns:
         The chain, or one without its effects, and the curve on top of it, if one helps.
     """
-    parts, held_out, seed = ground.parts, ground.held_out, ground.seed
+    parts, held_out, seed = context.parts, context.held_out, context.seed
     curves = free_curves(chain.fit, parts)
     at_first = curves if chain.fit is base else free_curves(base, parts)
     if chain.findings and _contested(chain, parts, curves, at_first):
-        alone = find_curve(base, parts, held_out, at_first, seed)
-        if alone and is_better(alone, base, chain.fit, at_first, held_out, seed):
-            return Chain(base), alone
+        instead = find_curve(base, parts, held_out, at_first, seed)
+        if instead and is_better(instead, base, chain.fit, at_first, held_out, seed):
+            return Chain(base), instead
     found = find_curve(chain.fit, parts, held_out, curves, seed)
-    return _still_needed(chain, found, ground) if found else (chain, None)
+    return _still_needed(chain, found, context) if found else (chain, None)
 
 
 def _contested(chain: Chain, parts: Sequence[Part], curves: Sequence[Dependence],
                at_first: Sequence[Dependence]) -> bool:
-    """Whether a curve may do without what was named.
+    """Whether a curve may explain the residual without the named effects.
 
-    Something may be left that names do not explain, for it is not white; or it took one name at
-    two places; or one curve, elsewhere, explains most of what there was at first.
+    The named effects may leave structure; or it took one effect at two ports; or one curve, at
+    another port or signal, explains most of the first residual.
     """
     ids = [chain.fit.candidate.effects[found.index].effect.id for found in chain.findings]
     if (any(shows(curve) for curve in curves) or len(set(ids)) < len(ids)
-            or not is_white(stretches(chain.fit)) or foretold(chain.fit, parts)[1] < LIKELY):
+            or not is_white(by_part(chain.fit))
+            or predicted_by_ports(chain.fit, parts)[1] < LIKELY):
         return True
     return any(curve.share > ENOUGH and not is_drawn((curve.port, curve.signal), chain.fit,
                                                      at_first) for curve in at_first[:1])
 
 
-def _still_needed(chain: Chain, found: Found, ground: Ground) -> tuple[Chain, Found]:
-    """Withdraw what was named and the curve holds, as a bias that is the constant part of it.
+def _still_needed(chain: Chain, found: FittedCurve, context: Context) -> tuple[Chain, FittedCurve]:
+    """Withdraw named effects that the curve contains, as a bias that is its constant part.
 
     But where the curve would be little else than this constant, it is a bias.
     """
     for k, finding in enumerate(chain.findings):
-        fit = search(found.fit.candidate.without(finding.index), ground.parts, 25)
+        fit = search(found.fit.candidate.without(finding.index), context.parts, 25)
         with_it, bare = criterion([found.fit, fit])
         biased = is_bias(chain.fit.candidate.effects[finding.index])
-        if bare < with_it + CLEARLY and not (biased and is_mostly_constant(fit, ground.parts)):
-            after = ground.without(chain, [finding])[0]
-            helps = proof(after, fit, ground.held_out, ground.seed)
+        if bare < with_it + CLEARLY and not (biased and is_mostly_constant(fit, context.parts)):
+            after = context.without(chain, [finding])[0]
+            helps = proof(after, fit, context.held_out, context.seed)
             return _still_needed(Chain(after, other_findings(chain, k)),
-                                 replace(found, fit=fit, proof=helps), ground)
+                                 replace(found, fit=fit, proof=helps), context)
     return chain, found
 
 
-def _on_all(found: Found, after: Fit, sample_time: float, parts: Sequence[Part],
-            held_out: Sequence[Part], seed: int) -> Found | None:
-    """Fit a curve to all samples; None if it does not help there, where nothing was fitted."""
+def _on_all(found: FittedCurve, after: Fit, sample_time: float, parts: Sequence[Part],
+            held_out: Sequence[Part], seed: int) -> FittedCurve | None:
+    """Fit a curve to all samples; None if it does not help on the held-out ones."""
     fit = _as_recorded(found.fit, sample_time, parts)
     helps = proof(after, fit, held_out, seed)
     return replace(found, fit=fit, proof=helps) if helps.low > 0.0 else None
 
 
 def _as_recorded(fit: Fit, sample_time: float, parts: Sequence[Part]) -> Fit:
-    """Fit what was found on thinned samples to all samples."""
+    """Fit a model that was found on thinned samples to all samples."""
     fine = search(resampled(fit.candidate, sample_time), parts, 20)
     return finely(fine, parts, FINEST) if fine.candidate.effects else fine

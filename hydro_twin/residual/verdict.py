@@ -11,10 +11,10 @@ from hydro_twin.residual.screen import places, spans
 from hydro_twin.residual.structure import drifts
 from hydro_twin.result import CLOSE, NamedEffect, NEAR, VerdictKind
 
-LEFT = 0.01             # share of what is left, predicted by the ports, that makes a law wrong
-LIKELY = 0.05           # p-value of that, or any below 1 where what is left has memory
-CLEAN = 2.5             # error over that of the noise, up to which it may be coloured noise only
-TELLING = 3000.0        # power explained over the noise's, to tell a law from one a little off
+LEFT = 0.01             # share of the residual that ports may predict if a law is right
+LIKELY = 0.05           # p-value of that share, if the residual is white; else 1
+CLEAN = 2.5             # ratio of error to noise up to which it may be coloured noise
+TELLING = 3000.0        # energy explained over the noise variance, to be sure of a law
 
 
 def verdict_of(found: Evidence) -> VerdictKind:
@@ -40,10 +40,10 @@ def named_effects(found: Evidence) -> tuple[NamedEffect, ...]:
 
 
 def _judge(found: Evidence, finding: Finding, reach: Mapping[Port, Span]) -> NamedEffect:
-    """Judge one finding, with how far each port and signal moves."""
+    """Judge one finding, given the range of each port and signal."""
     placed = found.final.candidate.effects[finding.index]
-    other_ports = tuple(contender.placed.port.name for contender, distance in finding.rivals
-                        if contender.id == placed.effect.id and distance < CLOSE)
+    other_ports = tuple(alternative.placed.port.name for alternative, distance in finding.rivals
+                        if alternative.id == placed.effect.id and distance < CLOSE)
     alike = _alike(found.plant, placed.effect.id, (placed.port.name, *other_ports), reach)
     rivals = _by_id(finding, placed.effect.id, alike)
     telling = finding.share / (1.0 - min(finding.share, 1.0 - 1e-12)) * len(found.after.residual)
@@ -66,7 +66,7 @@ def _alike(plant: Plant, winner: str, ports: tuple[str, ...], reach: Mapping[Por
 def _by_id(finding: Finding, winner: str, alike: list[str]) -> tuple[tuple[str, float], ...]:
     """Rivals of another name, each once, nearest first; those that look alike at no distance."""
     nearest = dict.fromkeys(alike, 0.0)
-    for contender, distance in finding.rivals:
-        if contender.id != winner:
-            nearest.setdefault(contender.id, distance)
+    for alternative, distance in finding.rivals:
+        if alternative.id != winner:
+            nearest.setdefault(alternative.id, distance)
     return tuple(sorted(nearest.items(), key=lambda item: item[1]))

@@ -22,8 +22,8 @@ from hydro_twin.residual.excerpt import excerpt, harmless_factor, thin
 from hydro_twin.residual.noise import bursts, lines, noise_floor
 from hydro_twin.residual.proof import proof
 from hydro_twin.residual.screen import hidden, screen
-from hydro_twin.residual.select import search, stretches
-from hydro_twin.residual.structure import dependences, drift, foretold, free_curves
+from hydro_twin.residual.select import by_part, search
+from hydro_twin.residual.structure import dependences, drift, free_curves, predicted_by_ports
 from hydro_twin.residual.trace import trace
 
 BAGS = Path(__file__).parents[2] / 'bags'
@@ -105,14 +105,14 @@ def fitted(plant, recording):
 
 def looked_at(fit, parts):
     """Ask all that a trace asks of a fit, but for full fits of effects."""
-    residuals = stretches(fit)
+    residuals = by_part(fit)
     assert noise_floor(residuals) >= 0.0
     assert is_white(residuals) in (True, False)
     lines(residuals, fit.candidate.sample_time)
     bursts(residuals)
     dependences(fit, parts)
     drift(fit)
-    foretold(fit, parts)
+    predicted_by_ports(fit, parts)
     fit.identifiability()
     factor = harmless_factor(fit, parts, 10**6)
     plant, sample_time = fit.candidate.plant, fit.candidate.sample_time

@@ -141,5 +141,5 @@ def test_what_is_found_stays_within_what_its_port_carries(uneven):
 def test_where_nothing_moves_there_is_no_curve(monkeypatch):
     """Though something is left that the ports foretell."""
     fit, train, test = fitted(record(count=1, duration=1.2))
-    monkeypatch.setattr('hydro_twin.residual.curve.foretold', lambda *_: (0.5, 0.0))
+    monkeypatch.setattr('hydro_twin.residual.curve.predicted_by_ports', lambda *_: (0.5, 0.0))
     assert find_curve(fit, train, test, [], 0) is None

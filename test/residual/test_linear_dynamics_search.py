@@ -12,7 +12,7 @@ from hydro_twin.model import place
 from hydro_twin.report.summary import summarise
 from hydro_twin.residual import chain
 from hydro_twin.residual.chain import Finding
-from hydro_twin.residual.select import Contender, criterion, search_all, simplest_first
+from hydro_twin.residual.select import Alternative, criterion, search_all, simplest_first
 from hydro_twin.residual.trace import trace
 from hydro_twin.result import CLOSE
 
@@ -22,15 +22,15 @@ MODE = ('mode', 'command', {'natural_frequency': 40.0, 'damping_ratio': 0.5})
 FRICTION = ('friction', 'motor', {'coulomb': 6.0})
 
 
-def contender(*effect):
+def alternative(*effect):
     placed = place(*effect, PLANT)
-    return Contender(SimpleNamespace(candidate=SimpleNamespace(effects=(placed,))))
+    return Alternative(SimpleNamespace(candidate=SimpleNamespace(effects=(placed,))))
 
 
 @pytest.mark.parametrize(('scores', 'first'), [
     ((0.0, 4.0, 9.0), 'lag'), ((0.0, 4.0, 11.0), 'mode')])
 def test_a_mode_is_chosen_only_where_it_is_clearly_better_than_a_lag(scores, first):
-    given = [contender(*effect) for effect in (MODE, DELAY, LAG)]
+    given = [alternative(*effect) for effect in (MODE, DELAY, LAG)]
     ordered = simplest_first(given, scores)
     assert ordered[0].id == first
     assert sorted(c.id for c in ordered) == ['delay', 'lag', 'mode']
@@ -38,14 +38,14 @@ def test_a_mode_is_chosen_only_where_it_is_clearly_better_than_a_lag(scores, fir
 
 def test_a_lag_or_a_friction_that_is_best_stays_first():
     for best in (LAG, FRICTION):
-        given = [contender(*effect) for effect in (best, MODE, DELAY)]
+        given = [alternative(*effect) for effect in (best, MODE, DELAY)]
         assert simplest_first(given, (0.0, 1.0, 2.0)) == given
 
 
 def test_linear_dynamics_that_are_alike_are_no_doubt_that_they_are_missing():
     """A lag with a delay near is earned; with a friction near it is not."""
     def nearest(*rivals):
-        found = Finding(0, 0.0, 0.5, tuple((contender(*r), d) for r, d in rivals))
+        found = Finding(0, 0.0, 0.5, tuple((alternative(*r), d) for r, d in rivals))
         return chain._nearest(found, place(*LAG, PLANT).effect)
 
     assert nearest((DELAY, 2.0), (MODE, 3.0), (FRICTION, 500.0)) == 500.0

@@ -7,7 +7,7 @@ import pytest
 from traced_rig import fitted, PLANT, record, VALUES
 
 from hydro_twin.model import place
-from hydro_twin.residual.select import contend, elsewhere, far, refine, search
+from hydro_twin.residual.select import fit_alternatives, free_run_error, refine, relocated, search
 
 STRIBECK = ('friction', 'motor', {'coulomb': 6.0, 'stribeck': 4.0, 'stribeck_velocity': 0.02})
 BIAS = ('bias', 'motor', {'offset': 2.0})
@@ -20,7 +20,7 @@ def test_from_a_law_at_the_wrong_port_the_right_one_is_found(here, there, width)
     wrong = {'command': 0.03, 'spool': 2e-6}[here]
     fit = search(replace(alone.candidate, effects=(
         place('hysteresis', here, {'width': wrong}, PLANT),)), parts, 40)
-    (moved,) = elsewhere(fit.candidate, parts)
+    (moved,) = relocated(fit.candidate, parts)
     found = search(replace(alone.candidate, effects=moved.effects), parts, 40)
     (placed,) = found.candidate.effects
     assert (placed.effect.id, placed.port.name) == ('hysteresis', there)
@@ -34,7 +34,7 @@ def test_from_a_law_at_the_wrong_port_the_right_one_is_found(here, there, width)
 def test_a_bias_may_sit_at_any_of_three_ports():
     alone, parts, _ = fitted(record(BIAS))
     fit = search(replace(alone.candidate, effects=(place(*BIAS, PLANT),)), parts, 40)
-    moved = [search(candidate, parts, 40) for candidate in elsewhere(fit.candidate, parts)]
+    moved = [search(candidate, parts, 40) for candidate in relocated(fit.candidate, parts)]
     assert {fit.candidate.effects[0].port.name for fit in moved} == {'command', 'sensor'}
     for other in moved:
         assert other.error == pytest.approx(fit.error, rel=1e-3)
@@ -53,7 +53,7 @@ def test_an_earlier_effect_is_refined_where_another_follows_it():
     assert friction['stribeck_velocity'] == pytest.approx(0.02, rel=0.2)
     assert finer.error == pytest.approx(0.1, rel=0.1)
     assert fit.error > 1.2 * finer.error
-    assert far(finer.candidate, parts) < far(fit.candidate, parts)
+    assert free_run_error(finer.candidate, parts) < free_run_error(fit.candidate, parts)
 
 
 @pytest.mark.slow
@@ -73,7 +73,7 @@ def test_a_delay_that_lags_and_inertia_had_made_up_for():
     alone, parts, _ = fitted(record(*both, noise=0.3))
     zone = replace(alone.candidate, effects=(place(*both[1], PLANT),))
     base = search(zone, parts, 40)
-    first, *_ = contend(base, parts, 8, False)
+    first, *_ = fit_alternatives(base, parts, 8, False)
     assert first.id == 'delay'
     assert first.placed.named['time'] == pytest.approx(0.008, rel=0.1)
     assert first.fit.error < 0.99 * base.error

@@ -16,8 +16,8 @@ from hydro_twin.residual.structure import (
     dependences,
     drift,
     explained,
-    foretold,
     hats,
+    predicted_by_ports,
     to_output,
 )
 
@@ -30,13 +30,13 @@ def linear():
 def test_a_linear_rig_depends_on_nothing(linear):
     for fit, train, _ in linear:
         assert dependences(fit, train) == []
-        for share, p_value in (drift(fit), foretold(fit, train)):
+        for share, p_value in (drift(fit), predicted_by_ports(fit, train)):
             assert p_value > 0.01
             assert share < 0.01
 
 
 @pytest.mark.parametrize('gain', [0.0025, 0.01])
-def test_noise_that_a_controller_answers_is_not_foretold(gain):
+def test_noise_that_a_controller_answers_is_not_predicted(gain):
     """In closed loop the command of a sample holds the noise of the same."""
     recording = record(noise=0.0)
     rig, rng = assemble(PLANT, VALUES), np.random.default_rng(0)
@@ -49,7 +49,7 @@ def test_noise_that_a_controller_answers_is_not_foretold(gain):
         parts.append(replace(part, inputs=inputs, measured=part.measured + moved + noise))
     fit = fit_linear(PLANT, parts, PLANT.constant_values(), 0.002, 'physical', timing=True)
     assert fit.error == pytest.approx(0.5, rel=0.02)
-    assert foretold(fit, parts)[1] > 0.05
+    assert predicted_by_ports(fit, parts)[1] > 0.05
 
 
 LAWS = {   # law on its port, the ports at which it may be seen, the signals there
@@ -126,7 +126,7 @@ def regression(seed, gain, columns=6, n=3000):
     return X, gain * signal + rng.standard_normal(n), basis
 
 
-def test_noise_is_not_foretold():
+def test_noise_is_not_predicted():
     p_values = [explained(*regression(seed, 0.0))[2] for seed in range(200)]
     assert np.mean(np.array(p_values) < 0.05) < 0.08
 

@@ -11,12 +11,12 @@ from hydro_twin.model import place
 from hydro_twin.residual.chain import (
     _proven,
     Chain,
+    Context,
     explained_share,
     Finding,
-    Ground,
     supported,
 )
-from hydro_twin.residual.select import likelihood_gain, search, stretches
+from hydro_twin.residual.select import by_part, likelihood_gain, search
 from hydro_twin.result import Improvement
 
 FRICTION = ('friction', 'motor', {'coulomb': 10.0})
@@ -24,12 +24,12 @@ BIAS = ('bias', 'motor', {'offset': 2.0})
 
 
 def grown(recording, *effects):
-    """Fit the effects to a recording; the chain, the fit without them, the ground."""
+    """Fit the effects to a recording; the chain, the fit without them, the context."""
     alone, parts, held_out = fitted(recording)
     placed = tuple(place(*effect, PLANT) for effect in effects)
     fit = search(replace(alone.candidate, effects=placed), parts, 40)
     findings = tuple(Finding(k, 0.0, 0.5, ()) for k in range(len(effects)))
-    return Chain(fit, findings), alone, Ground(parts, held_out, 0, lambda _: None)
+    return Chain(fit, findings), alone, Context(parts, held_out, 0, lambda _: None)
 
 
 def names(chain):
@@ -42,33 +42,33 @@ def both():
 
 
 def test_two_that_explain_everything_are_kept(both):
-    chain, alone, ground = grown(both, FRICTION, BIAS)
+    chain, alone, context = grown(both, FRICTION, BIAS)
     assert explained_share(alone, chain.fit) == pytest.approx(1.0, abs=0.02)
-    assert names(supported(chain, alone, ground)) == ['friction', 'bias']
+    assert names(supported(chain, alone, context)) == ['friction', 'bias']
 
 
 def test_one_beside_a_larger_one_that_is_lacking_is_dropped(both):
-    chain, alone, ground = grown(both, BIAS)
+    chain, alone, context = grown(both, BIAS)
     assert explained_share(alone, chain.fit) < 0.5
-    assert names(supported(chain, alone, ground)) == []
+    assert names(supported(chain, alone, context)) == []
 
 
 def test_data_that_were_not_fitted_are_likelier_with_what_is_there(both):
-    chain, alone, ground = grown(both, FRICTION, BIAS)
-    before, after = ([fit.candidate.residual(part) for part in ground.held_out]
+    chain, alone, context = grown(both, FRICTION, BIAS)
+    before, after = ([fit.candidate.residual(part) for part in context.held_out]
                      for fit in (alone, chain.fit))
     n = sum(map(len, after)) - 6 * len(after)
     ratio = np.mean(np.square(np.concatenate(before))) / np.mean(np.square(np.concatenate(after)))
     # The noise is white, so that whitening by its memory changes little.
     assert likelihood_gain(before, after) == pytest.approx(n * np.log(ratio), rel=0.05)
     assert likelihood_gain(after, after) == 0.0
-    assert likelihood_gain(stretches(chain.fit), stretches(alone)) < 0.0
+    assert likelihood_gain(by_part(chain.fit), by_part(alone)) < 0.0
 
 
 @pytest.mark.slow
 def test_the_best_fit_without_an_effect_is_remembered_in_the_order_of_the_chain(both):
     """What an effect had drawn the others to is no good place to do without it."""
-    chain, _, ground = grown(both, FRICTION, BIAS)
+    chain, _, context = grown(both, FRICTION, BIAS)
     swapped = grown(both, BIAS, FRICTION)[0].fit
     astray = replace(chain.fit.candidate, effects=(
         *(place(name, port, {parameter: 1e3 * value}, PLANT)
@@ -77,8 +77,8 @@ def test_the_best_fit_without_an_effect_is_remembered_in_the_order_of_the_chain(
         place('leakage', 'leakage', {'flow': 1e-9, 'exponent': 0.5}, PLANT)))
     third = Finding(2, 0.0, 0.5, ())
     lost = Chain(replace(chain.fit, candidate=astray), (*chain.findings, third))
-    ground.remember(swapped)
-    fit, = ground.without(lost, [third])
+    context.remember(swapped)
+    fit, = context.without(lost, [third])
     assert [placed.effect.id for placed in fit.candidate.effects] == ['friction', 'bias']
     assert fit.error == pytest.approx(swapped.error, rel=1e-3)
 
@@ -86,8 +86,8 @@ def test_the_best_fit_without_an_effect_is_remembered_in_the_order_of_the_chain(
 @pytest.mark.slow
 def test_an_effect_is_proven_by_the_whole_interval_of_its_improvement(both, monkeypatch):
     """However much likelier the data are with it."""
-    chain, alone, ground = grown(both, FRICTION, BIAS)
-    assert names(_proven(chain, alone, ground)) == ['friction', 'bias']
+    chain, alone, context = grown(both, FRICTION, BIAS)
+    assert names(_proven(chain, alone, context)) == ['friction', 'bias']
     monkeypatch.setattr('hydro_twin.residual.chain.improvement',
                         lambda before, after, seed: Improvement(0.3, -0.11, 0.65))
-    assert names(_proven(chain, alone, ground)) == []
+    assert names(_proven(chain, alone, context)) == []
