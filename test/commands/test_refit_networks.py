@@ -9,7 +9,7 @@ import pytest
 
 from hydro_twin.commands.main import main
 from hydro_twin.model import read_model
-from hydro_twin.predictors.network import load_network
+from hydro_twin.predictors.network_predictor import load_network
 
 pytest.importorskip('torch')
 

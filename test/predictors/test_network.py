@@ -8,7 +8,8 @@ import numpy as np
 import pytest
 
 from hydro_twin.errors import ModelError
-from hydro_twin.predictors.network import load_network, Network, save_network
+from hydro_twin.predictors.network import Network, save_network
+from hydro_twin.predictors.network_predictor import load_network
 
 
 def make(*hidden: int, seed: int = 0, regressors: int = 14) -> Network:
