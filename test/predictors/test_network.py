@@ -1,4 +1,4 @@
-"""The compiled prediction against plain numpy and torch, alone and in a batch."""
+"""The compiled prediction against plain numpy and torch, one by one and in a batch."""
 from __future__ import annotations
 
 from dataclasses import replace
