@@ -5,7 +5,7 @@
 Two processes each time: this one drives (a command and a joint state a sample, as a rig does) and
 listens; the other is the bare node or the twin. Both take as many messages and publish as many,
 both spin the same executor. Latency is from the publishing of the joint state to the arrival of
-the message with its stamp. Where the CPU is told, it is that of the other process.
+the message with its stamp. CPU figures are of the other process.
 """
 from __future__ import annotations
 

@@ -1,8 +1,12 @@
 """Sphinx: these pages, and a reference made of the docstrings (`make docs`)."""
+from importlib.metadata import PackageNotFoundError
 from importlib.metadata import version as version_of
 
 project = 'hydro_twin'
-version = release = version_of('hydro_twin')
+try:
+    version = release = version_of('hydro_twin')
+except PackageNotFoundError:      # under rosdoc2, which need not install the package
+    version = release = ''
 extensions = ['myst_parser', 'sphinx.ext.apidoc', 'sphinx.ext.autodoc', 'sphinx.ext.napoleon',
               'sphinx.ext.viewcode']
 apidoc_modules = [{'path': '../hydro_twin', 'destination': 'reference', 'separate_modules': True,

@@ -29,7 +29,7 @@ def sources() -> list[Path]:
 def cache_folder() -> Path:
     """Name the folder for compiled code, a new one whenever a source changes.
 
-    numba alone looks only at the file of the function that is called, not at those of the
+    numba looks only at the file of the function that is called, not at those of the
     functions that it calls: after an edit of an effect it would run the old one.
     """
     digest = hashlib.sha256()

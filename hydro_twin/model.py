@@ -34,7 +34,7 @@ class Estimate:
 
     Attributes:
         std_error: standard error in the parameter's unit; None where it is not known.
-        identifiable: whether the data determine it at all (alone, not only in a combination).
+        identifiable: whether the data determine it at all (by itself, not only in a combination).
         at_bound: 'lower' or 'upper', the edge of the search box at which the fit stopped; or ''.
         held: whether it was taken as known, and not fitted.
     """

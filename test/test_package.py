@@ -10,6 +10,8 @@ import subprocess
 import sys
 from xml.etree import ElementTree as ET
 
+import yaml
+
 from hydro_twin.commands.registry import verbs
 from hydro_twin.share import share_folder
 
@@ -176,3 +178,16 @@ def test_the_manifest_names_what_ros_tools_look_for():
     assert all((ROOT / path).is_file() for path in manifest('rosdoc2'))
     assert manifest('rosdoc2')
     assert 'ament_flake8' in manifest('test_depend')
+
+
+def test_rosdoc2_has_what_its_builders_require():
+    """A name and a folder for each, or it ends with "entry without 'output_dir' field found"."""
+    (path,) = manifest('rosdoc2')
+    about, settings = yaml.safe_load_all((ROOT / path).read_text('utf-8'))
+    assert about == {'type': 'rosdoc2 config', 'version': 1}
+    for builder in settings['builders']:
+        ((kind, keys),) = builder.items()
+        assert kind == 'sphinx'
+        assert {'name', 'output_dir'} <= set(keys) <= {'name', 'output_dir', 'sphinx_sourcedir'}
+        assert (ROOT / keys['sphinx_sourcedir'] / 'conf.py').is_file()
+    assert (ROOT / settings['settings']['python_source'] / '__init__.py').is_file()

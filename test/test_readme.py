@@ -1,5 +1,6 @@
 """The commands and links of the documentation: each is one that works."""
 import argparse
+import json
 import os
 from pathlib import Path
 import re
@@ -66,24 +67,66 @@ def environment() -> dict[str, str]:
     return os.environ | {'PATH': f'{Path(sys.executable).parent}:{os.environ["PATH"]}'}
 
 
-@pytest.mark.slow
-def test_commands_run_in_their_order(folder: Path, environment: dict[str, str]) -> None:
-    live = re.compile('hydro-twin node|.*--publish')
-    done = [command for command in commands(README) if not live.match(command)]
-    for command in done:
+OFFLINE = [command for command in commands(README)
+           if not re.match('hydro-twin node|.*--publish', command)]
+
+
+@pytest.fixture(scope='module')
+def ran(folder: Path, environment: dict[str, str]) -> Path:
+    """Run the README's commands in their order; returns the folder in which they ran."""
+    for command in OFFLINE:
         result = subprocess.run(command, shell=True, cwd=folder, env=environment, text=True,
                                 capture_output=True, check=False)
         assert result.returncode == 0, f'{command}\n{result.stderr}'
-    assert {shlex.split(command)[1] for command in done} >= {*verbs()} - {'node'}
+    return folder
+
+
+@pytest.mark.slow
+def test_commands_run_in_their_order(ran: Path) -> None:
+    assert {shlex.split(command)[1] for command in OFFLINE} >= {*verbs()} - {'node'}
     for made in ('run', 'model.yaml', 'traced/report.html', 'predicted', 'replay.png', 'practice',
                  'compared/comparison.html'):
-        assert (folder / made).exists()
+        assert (ran / made).exists()
+
+
+@pytest.mark.slow
+def test_the_figures_of_the_example_are_those_found(ran: Path) -> None:
+    """That of docs/tracing.md, whose command is the README's without its configuration."""
+    text = (ROOT / 'docs' / 'tracing.md').read_text('utf-8')
+    (example,), (own,) = (
+        [line for line in commands(page) if line.startswith('hydro-twin trace')]
+        for page in (text, README))
+    assert own == example.replace(' -o out', ' --config my_rig.yaml -o traced')
+    report = json.loads((ran / 'traced' / 'report.json').read_text('utf-8'))
+    assert f'> {report["says"]}' in text
+
+    def row(start: str) -> list[float]:
+        line = next(line for line in text.splitlines() if line.startswith(f'| {start} '))
+        found = [re.match(r'[\d.]+', cell.strip()) for cell in line.split('|')[2:]]
+        return [float(number[0]) for number in found if number]
+
+    for kind in ('free_run', 'one_step'):
+        for part in ('test', 'train'):
+            if found := [s for s in text.splitlines()
+                         if s.startswith(f'| {kind.replace("_", " ")}, {part} ')]:
+                assert row(found[0][2:].split(' [')[0]) == pytest.approx(
+                    [report[when][kind][part] for when in ('before', 'after')], rel=0.02)
+    assert row('noise, estimated') == pytest.approx([report['noise_floor']], rel=0.02)
+    coulomb = report['effects'][0]['parameters']['coulomb']['value']
+    assert row('Coulomb friction')[0] == pytest.approx(coulomb, rel=0.01)
+    for name, tolerance in (('J', 0.1), ('B_m', 0.05), ('G', 0.02)):
+        values = [report['parameters'][when][name]['value'] for when in ('before', 'after')]
+        assert row(name)[:2] == pytest.approx(values, rel=tolerance)
+    rival = report['effects'][0]['rivals'][0]
+    distance = re.search(rf'next best explanation, an? {rival["id"]}, is (\d+) away', text)
+    assert distance
+    assert float(distance[1]) == pytest.approx(rival['delta_bic'], rel=0.02)
 
 
 @pytest.mark.slow
 @pytest.mark.filterwarnings("ignore:module 'sre_")
 def test_the_repaired_model_runs_live_with_a_smaller_residual(
-        folder: Path, environment: dict[str, str], rig: Any) -> None:
+        ran: Path, environment: dict[str, str], rig: Any) -> None:
     """What `before` misses by 4 N m, the repaired one has to within the noise of 0.6."""
     from ros_rig import ended
     from sensor_msgs.msg import JointState
@@ -93,10 +136,10 @@ def test_the_repaired_model_runs_live_with_a_smaller_residual(
     heard = [rig.listen(f'/hydro_twin/{topic}', JointState)
              for topic in ('residual', 'before/residual')]
     ros = {key: os.environ[key] for key in ('ROS_AUTOMATIC_DISCOVERY_RANGE', 'ROS_DOMAIN_ID')}
-    with subprocess.Popen(f'exec {node}', shell=True, cwd=folder,
+    with subprocess.Popen(f'exec {node}', shell=True, cwd=ran,
                           env=environment | ros) as twin, ended(twin):
         rig.ready()
-        subprocess.run(play, shell=True, cwd=folder, env=environment | ros, check=True)
+        subprocess.run(play, shell=True, cwd=ran, env=environment | ros, check=True)
         rig.until(lambda: min(map(len, heard)) > 3000, 'both models predict')
     after, before = (np.sqrt(np.mean(np.square([m.effort[0] for m in messages])))
                      for messages in heard)

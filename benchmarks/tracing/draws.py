@@ -27,7 +27,7 @@ class Scales(NamedTuple):
 
 
 class Command(NamedTuple):
-    """What befalls the command [V] before the spool; the defaults leave it alone."""
+    """What happens to the command [V] before the spool; by default nothing."""
 
     command_bias: float = 0.0
     command_limit: float = math.inf

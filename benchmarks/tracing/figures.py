@@ -44,7 +44,8 @@ def outcome(line: Line) -> str:
 
     right: the effect first, or both of a pair. For 'none', 'outside' and 'static' nothing is to be
     named, but for what of 'outside' the library has a name.
-    ambiguous: another first, in a set that the report says cannot be told from the right one.
+    ambiguous: another first, in a set from which, by the report, the right one cannot be
+    distinguished.
     """
     if 'failure' in line:
         return 'failure'

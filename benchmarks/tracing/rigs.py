@@ -36,7 +36,7 @@ BOX = {
 
 @dataclass(frozen=True)
 class Truth:
-    """What a tracer is not told.
+    """What is hidden from a tracer.
 
     Attributes:
         kind: one of KINDS in cases.py.
@@ -131,7 +131,7 @@ def make_rig(
 ) -> Rig:
     """Draw a rig and record it.
 
-    The parameters, the drive and the effects' strengths follow from the seed alone, so that the
+    The parameters, the drive and the effects' strengths follow from the seed, so that the
     same seed at another noise level is the same rig.
 
     Args:

@@ -25,7 +25,7 @@ if TYPE_CHECKING:
 
 START = 1_000_000_000_000                   # stamp of the first sample [ns]
 PAUSE = 1_000_000_000                       # between two series [ns] ...
-PAUSE_SAMPLES = 10                          # ... and at least, so that they are told apart
+PAUSE_SAMPLES = 10                          # ... and at least, so that series are kept apart
 SHARES = (0.5, 0.2)                         # of a large output: first input, each of the others
 WITHIN = 0.4                                # of the range of the output, about its middle
 B19 = (1.0, 7.0, 9.0)                       # frequencies of the first input [Hz], as in [B19] ...

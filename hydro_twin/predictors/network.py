@@ -8,7 +8,6 @@ from pathlib import Path
 
 import numpy as np
 import numpy.typing as npt
-from safetensors import safe_open, SafetensorError
 from safetensors.numpy import save
 
 from hydro_twin.compiled import compiled
@@ -148,26 +147,3 @@ def network_bytes(network: Network) -> bytes:
                 'activation': network.cell}
     content: bytes = save(tensors, metadata)
     return content
-
-
-def load_network(path: Path) -> Network:
-    """Read a network that `save_network` wrote.
-
-    Raises:
-        ModelError: the file is missing, damaged, of another format, or does not fit together.
-    """
-    from hydro_twin.predictors.recurrent import Recurrent
-
-    try:
-        with safe_open(path, framework='numpy') as file:
-            metadata = file.metadata() or {}
-            names = file.keys()
-            tensors = {name: file.get_tensor(name).astype(float) for name in names}
-        if metadata.get('format') != FORMAT:
-            raise ModelError(f'format {metadata.get("format")}, expected {FORMAT}')
-        made = {kind.cell: kind for kind in (Network, Recurrent)}[metadata['activation']]
-        return made(np.array(json.loads(metadata['sizes']), dtype=np.int64),
-                    tensors['weights'], tensors['input_shift'], tensors['input_scale'],
-                    tensors['output_scale'].item(), tensors['output_limit'].item())
-    except (OSError, SafetensorError, KeyError, ValueError, ModelError) as error:
-        raise ModelError(f'{path}: not a network of this software: {error}') from error

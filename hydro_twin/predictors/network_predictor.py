@@ -1,17 +1,20 @@
 """The predictor with a network: MLP or GRU, or beside the analytical model (hybrid)."""
 from __future__ import annotations
 
+import json
 import logging
 import math
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
+from safetensors import safe_open, SafetensorError
 
 from hydro_twin.errors import ModelError
 from hydro_twin.plants.plant import FloatArray
 from hydro_twin.predictors.analytical import Analytical, OneStep
-from hydro_twin.predictors.network import load_network, Network
+from hydro_twin.predictors.network import FORMAT, Network
+from hydro_twin.predictors.recurrent import Recurrent
 from hydro_twin.predictors.registry import kind_named
 from hydro_twin.recording.series import Series
 
@@ -19,6 +22,8 @@ if TYPE_CHECKING:
     from hydro_twin.model import Model
 
 log = logging.getLogger(__name__)
+
+CELLS: dict[str, type[Network]] = {kind.cell: kind for kind in (Network, Recurrent)}
 
 
 class NetworkPredictor:
@@ -132,3 +137,24 @@ def load_network_predictor(model: Model, folder: Path) -> NetworkPredictor:
     if not model.network:
         raise ModelError(f'a model of kind {model.kind} must name its network')
     return NetworkPredictor(model, load_network(folder / model.network))
+
+
+def load_network(path: Path) -> Network:
+    """Read a network that `save_network` wrote.
+
+    Raises:
+        ModelError: the file is missing, damaged, of another format, or does not fit together.
+    """
+    try:
+        with safe_open(path, framework='numpy') as file:
+            metadata = file.metadata() or {}
+            names = file.keys()
+            tensors = {name: file.get_tensor(name).astype(float) for name in names}
+        if metadata.get('format') != FORMAT:
+            raise ModelError(f'format {metadata.get("format")}, expected {FORMAT}')
+        made = CELLS[metadata['activation']]
+        return made(np.array(json.loads(metadata['sizes']), dtype=np.int64),
+                    tensors['weights'], tensors['input_shift'], tensors['input_scale'],
+                    tensors['output_scale'].item(), tensors['output_limit'].item())
+    except (OSError, SafetensorError, KeyError, ValueError, ModelError) as error:
+        raise ModelError(f'{path}: not a network of this software: {error}') from error

@@ -5,10 +5,10 @@ from collections.abc import Collection, Mapping, Sequence
 from pathlib import Path
 
 from hydro_twin.errors import BagError
-from hydro_twin.recording.bag import read_signals
+from hydro_twin.recording.bag import read_signals, Samples
 from hydro_twin.recording.digest import source_of
 from hydro_twin.recording.grid import MIN_SAMPLES, to_grid
-from hydro_twin.recording.series import Recording
+from hydro_twin.recording.series import Recording, Series
 from hydro_twin.recording.signals import SignalMap
 
 
@@ -26,11 +26,21 @@ def read_recording(paths: Sequence[Path], signals: Mapping[str, SignalMap], held
     Raises:
         BagError: a bag cannot be read, or lacks a signal, or holds no stretch with all of them.
     """
-    series = []
+    series: list[Series] = []
     for path in paths:   # each is let go before the next: samples take more room than the grid
-        found = to_grid(read_signals(Path(path), signals, optional), held, sample_time, str(path))
-        if not found:
-            raise BagError(f'{path} holds no {MIN_SAMPLES} samples in a row, {sample_time:g} s '
-                           f'apart, with all of {", ".join(signals)}')
-        series += found
+        series += on_grid(path, read_signals(Path(path), signals, optional), held, sample_time)
     return Recording(tuple(series), tuple(source_of(Path(path)) for path in paths))
+
+
+def on_grid(path: Path, samples: Mapping[str, Samples], held: Collection[str], sample_time: float
+            ) -> list[Series]:
+    """Put the samples of a bag on a uniform grid, and split them at gaps.
+
+    Raises:
+        BagError: no stretch with all signals is long enough.
+    """
+    found = to_grid(samples, held, sample_time, str(path))
+    if not found:
+        raise BagError(f'{path} holds no {MIN_SAMPLES} samples in a row, {sample_time:g} s apart, '
+                       f'with all of {", ".join(samples)}')
+    return found

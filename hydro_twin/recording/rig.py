@@ -10,8 +10,9 @@ from typing import TYPE_CHECKING
 from hydro_twin.progress import Progress, silent
 from hydro_twin.recording.bag import read_signals
 from hydro_twin.recording.clock import Clock, clock_of, slowest
-from hydro_twin.recording.read import read_recording
-from hydro_twin.recording.series import Recording
+from hydro_twin.recording.digest import source_of
+from hydro_twin.recording.read import on_grid
+from hydro_twin.recording.series import Recording, Series
 from hydro_twin.recording.signals import load_constants, load_parameters, load_signals, SignalMap
 
 if TYPE_CHECKING:
@@ -74,12 +75,27 @@ def read_apart(groups: Sequence[Sequence[Path]], rig: Rig, show: Progress = sile
         BagError: a bag cannot be read, or lacks a signal.
     """
     held = {signal.name for signal in rig.plant.signals if signal.held}
-    measured = {name: signal for name, signal in rig.signals.items() if name not in held}
+    bags = list(dict.fromkeys(Path(bag) for group in groups for bag in group))
+    periods: dict[Path, float] = {}
+    at: dict[Path, float] = {}
+    series: dict[Path, list[Series]] = {}
+
+    def take(bag: Path) -> None:
+        """Read a bag at the sample time of the slowest so far."""
+        samples = read_signals(bag, rig.signals)
+        periods[bag] = slowest(samples, held)
+        at[bag] = rig.clock.over(periods.values())
+        series[bag] = on_grid(bag, samples, held, at[bag])
+
     with show('reading', None):
-        periods = {} if rig.clock.given else {
-            bag: slowest(read_signals(bag, measured), held) for bags in groups for bag in bags}
+        for bag in bags:
+            take(bag)
         sample_time = rig.clock.over(periods.values())
+        for bag in bags:        # again, where a slower one came after it
+            if at[bag] != sample_time:
+                take(bag)
         if any(rig.clock.over([period]) < sample_time for period in periods.values()):
             log.warning('all bags are read at %g s, the sample time of the slowest, %s',
                         sample_time, max(periods, key=lambda path: periods[path]))
-        return [read_recording(bags, rig.signals, held, sample_time) for bags in groups]
+        return [Recording(tuple(one for bag in group for one in series[Path(bag)]),
+                          tuple(source_of(Path(bag)) for bag in group)) for group in groups]

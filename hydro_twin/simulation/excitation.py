@@ -159,7 +159,7 @@ def make(spec: Spec, run: Run, laws: Laws, column: int, largest: float, sample_t
         spec: what the user asks for.
         run: what it is drawn for.
         laws: the plant's, which give the amplitude where the user gives none: the one with which
-            this input alone makes the linear plant's output reach `largest`.
+            this input by itself makes the linear plant's output reach `largest`.
         column: of this input.
         largest: see `laws`, in the output's unit.
         sample_time: of the series [s].

@@ -1,6 +1,7 @@
 """Networks by `refit`: their options, the hybrid on a model with effects, and what is refused."""
 from __future__ import annotations
 
+from importlib.util import find_spec
 import json
 from pathlib import Path
 
@@ -9,9 +10,10 @@ import pytest
 
 from hydro_twin.commands.main import main
 from hydro_twin.model import read_model
-from hydro_twin.predictors.network import load_network
+from hydro_twin.predictors.network_predictor import load_network
 
-pytest.importorskip('torch')
+# Not imported to be looked for: that takes seconds of each process that collects the tests.
+pytestmark = pytest.mark.skipif(find_spec('torch') is None, reason='needs torch')
 
 RIG = Path(__file__).parents[2] / 'bags' / 'rig_a'
 

@@ -2,6 +2,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from importlib.util import find_spec
 import json
 from pathlib import Path
 
@@ -13,7 +14,8 @@ from hydro_twin.fitting.network import Job, Problem, train_batch
 from hydro_twin.fitting.network_search import choose, score, Scores, search, split
 from hydro_twin.predictors.kind import Settings
 
-pytest.importorskip('torch')
+# Not imported to be looked for: that takes seconds of each process that collects the tests.
+pytestmark = pytest.mark.skipif(find_spec('torch') is None, reason='needs torch')
 
 SMALL, LARGE = (Settings(hidden, 60, 0.0) for hidden in ((1,), (8,)))
 

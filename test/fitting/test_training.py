@@ -2,6 +2,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -20,10 +21,6 @@ from hydro_twin.plants.load_simulator import LOAD_SIMULATOR
 from hydro_twin.predictors.kind import Settings
 from hydro_twin.recording.series import Series
 
-torch = pytest.importorskip('torch')
-
-torch.set_num_threads(1)      # tiny products: more threads only wait for each other
-
 SMALL = Settings(hidden=(6, 5), epochs=40)
 
 
@@ -37,13 +34,21 @@ def series(samples: int = 120, seed: int = 0) -> Series:
     return Series({'u_m': u, 'theta_d': 0.01 * theta, 'T_g': y}, 0.002)
 
 
+@pytest.fixture(scope='module', autouse=True)
+def torch() -> Any:
+    """Import torch when the tests run: it takes seconds of each process that collects them."""
+    torch = pytest.importorskip('torch')
+    torch.set_num_threads(1)      # tiny products: more threads only wait for each other
+    return torch
+
+
 @pytest.fixture
 def problem() -> Problem:
     return make_problem([series(seed=0), series(seed=1)], LOAD_SIMULATOR)
 
 
 @pytest.mark.parametrize('decay', [0.0, 5e-4])
-def test_steps_as_torch_does(problem: Problem, decay: float) -> None:
+def test_steps_as_torch_does(torch: Any, problem: Problem, decay: float) -> None:
     """Every step of a batch of three, in double precision, against torch's own."""
     from hydro_twin.fitting import rprop
     sizes = [14, 6, 5, 1]

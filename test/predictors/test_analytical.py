@@ -178,7 +178,7 @@ def test_without_strength_a_model_is_the_linear_one(name):
 
 @pytest.mark.parametrize('name', sorted(set(EFFECTS) - {'delay', 'hysteresis'}))
 def test_finer_substeps_converge(name):
-    """Those two act on the held command alone: any step is exact."""
+    """Those two act only on the held command: any step is exact."""
     plant = PLANTS['load_simulator']
     series = recording(plant)
     runs = {n: predictor(plant, [(name, EFFECTS[name])], n).free_run(series)

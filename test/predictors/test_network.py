@@ -1,4 +1,4 @@
-"""The compiled prediction against plain numpy and torch, alone and in a batch."""
+"""The compiled prediction against plain numpy and torch, one by one and in a batch."""
 from __future__ import annotations
 
 from dataclasses import replace
@@ -8,7 +8,8 @@ import numpy as np
 import pytest
 
 from hydro_twin.errors import ModelError
-from hydro_twin.predictors.network import load_network, Network, save_network
+from hydro_twin.predictors.network import Network, save_network
+from hydro_twin.predictors.network_predictor import load_network
 
 
 def make(*hidden: int, seed: int = 0, regressors: int = 14) -> Network:

@@ -11,8 +11,8 @@ import pytest
 from hydro_twin.errors import ModelError
 from hydro_twin.model import load_predictor, Model, write_model
 from hydro_twin.plants.load_simulator import LOAD_SIMULATOR
-from hydro_twin.predictors.network import load_network, Network, save_network
-from hydro_twin.predictors.network_predictor import NetworkPredictor
+from hydro_twin.predictors.network import Network, save_network
+from hydro_twin.predictors.network_predictor import load_network, NetworkPredictor
 from hydro_twin.predictors.recurrent import Recurrent
 from hydro_twin.recording.series import Series
 

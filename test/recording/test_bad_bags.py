@@ -1,6 +1,7 @@
 """Whatever is wrong with a bag, one line says so."""
 import contextlib
 import os
+from pathlib import Path
 import shutil
 import sqlite3
 import struct
@@ -85,10 +86,15 @@ def test_no_messages(tmp_path, storage):
     assert 'no messages on /states for signal x' in line
 
 
+@pytest.fixture(scope='module')
+def long_bag(tmp_path_factory):
+    return write_bag(tmp_path_factory.mktemp('bags') / 'bag', rig(10_000))
+
+
 @pytest.mark.parametrize('keep', [0.02, 0.6, 0.9, 0.999])
 @pytest.mark.parametrize('single', [False, True])
-def test_mcap_cut_short_tells_how_much_is_left(tmp_path, keep, single):
-    path = write_bag(tmp_path / 'bag', rig(10_000))
+def test_mcap_cut_short_tells_how_much_is_left(long_bag, tmp_path, keep, single):
+    path = Path(shutil.copytree(long_bag, tmp_path / 'bag'))
     file = path / 'bag.mcap'
     os.truncate(file, int(file.stat().st_size * keep))
     line = refusal(file if single else path)

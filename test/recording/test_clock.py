@@ -1,4 +1,4 @@
-"""Tests of the clock of a job: what decides it, and how the period of a signal is told."""
+"""Tests of the clock of a job: what decides it, and how the period of a signal is found."""
 from dataclasses import replace
 
 import numpy as np

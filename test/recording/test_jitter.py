@@ -37,7 +37,7 @@ def test_jitter_stalls_and_losses_leave_the_line(seed, ppm, lost, stalls):
     times = remove_jitter(arrivals(numbers, rng, period=period, stalls=stalls))
     error = times - (START + period * numbers)
     # All are as late as messages typically are (the median delay, 0.14 ms). Whether one just
-    # before a loss was late or the one lost cannot always be told, nor which was lost in a stall.
+    # before a loss was late or the one lost cannot always be known, nor which was lost in a stall.
     assert 50_000 < np.median(error) < 350_000
     sent = period * numbers
     in_time = np.all([(sent < begin - period) | (sent > begin + length)

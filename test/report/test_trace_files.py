@@ -4,6 +4,7 @@ from __future__ import annotations
 import csv
 from dataclasses import replace
 import json
+import shutil
 
 import numpy as np
 import pytest
@@ -31,23 +32,34 @@ def found(traced):
     return result_of(traced)
 
 
+@pytest.fixture(scope='module')
+def nothing():
+    return result('positioning', found=False)
+
+
+@pytest.fixture(scope='module')
+def written(found, tmp_path_factory):
+    """Write the files once, for the tests that only read them; (folder, summary)."""
+    folder = tmp_path_factory.mktemp('written') / 'out'
+    return folder, write_files(found, folder, PROVENANCE)
+
+
 def names(folder):
     return sorted(str(path.relative_to(folder)) for path in folder.rglob('*') if path.is_file())
 
 
-def test_writes_all(tmp_path, found):
-    summary = write_files(found, tmp_path / 'out', PROVENANCE)
-    assert names(tmp_path / 'out') == [
+def test_writes_all(written):
+    folder, summary = written
+    assert names(folder) == [
         'before.yaml', 'figures/effect_friction_motor.png', 'figures/output.png',
         'figures/spectra.png', 'model.yaml', 'report.html', 'report.json', 'series.csv']
-    assert json.loads((tmp_path / 'out/report.json').read_text()) == summary
-    for picture in (tmp_path / 'out/figures').iterdir():
+    assert json.loads((folder / 'report.json').read_text()) == summary
+    for picture in (folder / 'figures').iterdir():
         assert picture.read_bytes().startswith(b'\x89PNG')
 
 
-def test_the_models_are_those_before_and_after(tmp_path, traced, found):
-    write_files(found, tmp_path, PROVENANCE)
-    before, after = (read_model(tmp_path / name) for name in ('before.yaml', 'model.yaml'))
+def test_the_models_are_those_before_and_after(written, traced):
+    before, after = (read_model(written[0] / name) for name in ('before.yaml', 'model.yaml'))
     assert before.effects == ()
     assert [effect.placed.effect.id for effect in after.effects] == ['friction']
     assert before.values['F_v'] == pytest.approx(traced.before.candidate.values['F_v'])
@@ -70,13 +82,13 @@ def test_a_limit_that_was_never_reached_is_not_written_as_found(tmp_path):
     assert again.values == after.candidate.effects[0].values
 
 
-def test_the_errors_are_those_of_the_models_that_are_written(tmp_path, traced, found):
-    summary = write_files(found, tmp_path, PROVENANCE)
+def test_the_errors_are_those_of_the_models_that_are_written(written, traced):
+    folder, summary = written
     for when, name in (('before', 'before.yaml'), ('after', 'model.yaml')):
-        expected = errors_of(load_predictor(tmp_path / name), traced.recordings)
+        expected = errors_of(load_predictor(folder / name), traced.recordings)
         for mode, errors in expected.items():
             assert summary[when][mode] == pytest.approx(errors, rel=1e-12)
-            assert read_model(tmp_path / name).promised(mode) == pytest.approx(errors['test'])
+            assert read_model(folder / name).promised(mode) == pytest.approx(errors['test'])
 
 
 def test_writing_them_runs_no_model(tmp_path, found, monkeypatch):
@@ -94,9 +106,8 @@ def from_rest(candidate, part):
                                 candidate.system.start(part.inputs[0], part.measured[0]))
 
 
-def test_the_series_hold_every_sample(tmp_path, traced, found):
-    write_files(found, tmp_path, PROVENANCE)
-    with (tmp_path / 'series.csv').open() as stream:
+def test_the_series_hold_every_sample(written, traced):
+    with (written[0] / 'series.csv').open() as stream:
         rows = list(csv.DictReader(stream))
     first = [row for row in rows if row['part'] == 'training 1']
     part = traced.train[0]
@@ -111,17 +122,17 @@ def test_the_series_hold_every_sample(tmp_path, traced, found):
                                    atol=1e-15)
 
 
-def test_figures_of_an_earlier_trace_go(tmp_path, found):
-    write_files(found, tmp_path, PROVENANCE)
+def test_figures_of_an_earlier_trace_go(tmp_path, written, nothing):
+    shutil.copytree(written[0], tmp_path, dirs_exist_ok=True)
     (tmp_path / 'mine.txt').write_text('kept')
-    write_files(result('positioning', found=False), tmp_path, PROVENANCE)
+    write_files(nothing, tmp_path, PROVENANCE)
     assert names(tmp_path) == [
         'figures/left_command_command_value.png', 'figures/output.png', 'figures/spectra.png',
         'mine.txt', 'model.yaml', 'report.html', 'report.json', 'series.csv']
 
 
-def test_nothing_is_replaced_before_all_is_made(tmp_path, found, monkeypatch):
-    write_files(found, tmp_path, PROVENANCE)
+def test_nothing_is_replaced_before_all_is_made(tmp_path, written, nothing, monkeypatch):
+    shutil.copytree(written[0], tmp_path, dirs_exist_ok=True)
     before = {name: (tmp_path / name).read_bytes() for name in names(tmp_path)}
 
     def full(*_):
@@ -129,7 +140,7 @@ def test_nothing_is_replaced_before_all_is_made(tmp_path, found, monkeypatch):
 
     monkeypatch.setattr(trace_files, 'write_png', full)
     with pytest.raises(UserError, match='cannot be written \\(No space left'):
-        write_files(result('positioning', found=False), tmp_path, PROVENANCE)
+        write_files(nothing, tmp_path, PROVENANCE)
     assert {name: (tmp_path / name).read_bytes() for name in names(tmp_path)} == before
 
 

@@ -1,4 +1,4 @@
-"""The page of a trace: stands alone, says every number, and works in a browser."""
+"""The page of a trace: needs no other file, has every number, and works in a browser."""
 from __future__ import annotations
 
 from html.parser import HTMLParser

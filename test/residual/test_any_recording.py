@@ -2,6 +2,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+import json
 import os
 from pathlib import Path
 
@@ -25,6 +26,7 @@ from hydro_twin.residual.screen import hidden, screen
 from hydro_twin.residual.select import by_part, search
 from hydro_twin.residual.structure import dependences, drift, free_curves, predicted_by_ports
 from hydro_twin.residual.trace import trace
+from hydro_twin.schema import fault
 
 BAGS = Path(__file__).parents[2] / 'bags'
 SOURCES = (('load_simulator', 'rig_a'), ('valve_servo', 'valve_limit'))
@@ -103,21 +105,49 @@ def fitted(plant, recording):
     return search(Candidate(plant, values, sample_time), parts, 2), parts
 
 
+def refused(error):
+    """Assert that what cannot be traced is refused in one line."""
+    assert '\n' not in str(error).strip()
+    assert str(error).strip()
+
+
+def is_share(value):
+    return 0.0 <= value <= 1.0 + 1e-9       # nan is none
+
+
 def looked_at(fit, parts):
     """Ask all that a trace asks of a fit, but for full fits of effects."""
+    sample_time = fit.candidate.sample_time
     residuals = by_part(fit)
-    assert noise_floor(residuals) >= 0.0
+    floor = noise_floor(residuals)
+    assert 0.0 <= floor < np.inf
     assert is_white(residuals) in (True, False)
-    lines(residuals, fit.candidate.sample_time)
-    bursts(residuals)
-    dependences(fit, parts)
-    drift(fit)
-    predicted_by_ports(fit, parts)
-    fit.identifiability()
+    for line in lines(residuals, sample_time):
+        assert 0.0 < line.frequency <= 0.5 / sample_time
+        assert line.amplitude > 0.0
+    for burst in bursts(residuals):
+        assert 0 <= burst.begin < burst.end <= len(residuals[burst.stretch])
+    curves = dependences(fit, parts)
+    for curve in curves:
+        assert np.isfinite(curve.curve).all()
+        assert (np.diff(curve.knots) > 0.0).all()
+    for share, p_value in (drift(fit), predicted_by_ports(fit, parts),
+                           *((curve.share, curve.p_value) for curve in curves)):
+        assert share <= 1.0 + 1e-9      # by cross-validation: below zero where it only harms
+        assert is_share(p_value)
+    said = fit.identifiability()
+    assert all(error is None or error >= 0.0 for error in said.std_error.values())
     factor = harmless_factor(fit, parts, 10**6)
-    plant, sample_time = fit.candidate.plant, fit.candidate.sample_time
-    thin(excerpt(parts, plant, sample_time, factor), plant, factor)
-    assert proof(fit, fit, parts, 0).relative == 0.0
+    assert factor >= 1
+    plant = fit.candidate.plant
+    taken = thin(excerpt(parts, plant, sample_time, factor), plant, factor)
+    # No sample is made up, and none is taken twice.
+    assert factor * sum(len(part.measured) for part in taken) <= sum(
+        len(part.measured) for part in parts)
+    assert all(np.isin(part.measured, np.concatenate([whole.measured for whole in parts])).all()
+               for part in taken)
+    same = proof(fit, fit, parts, 0)
+    assert (same.relative, same.low, same.high) == (0.0, 0.0, 0.0)
 
 
 @examples(4)
@@ -125,9 +155,9 @@ def looked_at(fit, parts):
 def test_what_is_asked_of_any_fit_is_answered(drawn):
     try:
         fit, parts = fitted(*recording_of(drawn))
-    except UserError:
-        return
-    looked_at(fit, parts)
+    except UserError as error:
+        return refused(error)
+    return looked_at(fit, parts)
 
 
 @pytest.mark.slow
@@ -136,13 +166,23 @@ def test_what_is_asked_of_any_fit_is_answered(drawn):
 def test_screening_and_curves_are_answered_too(drawn):
     try:
         fit, parts = fitted(*recording_of(drawn))
-    except UserError:
-        return
+    except UserError as error:
+        return refused(error)
     looked_at(fit, parts)
-    screen(fit, parts)
-    hidden(fit, parts)
-    find_curve(fit, parts, parts, [replace(curve, p_value=0.0, share=1.0)
-                                   for curve in free_curves(fit, parts)], 0)
+    prospects = screen(fit, parts)
+    for prospect in prospects:
+        assert is_share(prospect.share)
+        assert 0.0 <= prospect.gain < np.inf
+        assert prospect.placed.port in fit.candidate.plant.ports
+    assert all(h.id and h.port and h.says and '\n' not in h.says for h in hidden(fit, parts))
+    found = find_curve(fit, parts, parts, [replace(curve, p_value=0.0, share=1.0)
+                                           for curve in free_curves(fit, parts)], 0)
+    if found is not None:
+        assert found.fit.error <= fit.error
+        assert 0.0 < found.proof.low <= found.proof.relative <= found.proof.high <= 1.0
+        assert np.isfinite(found.placed.values).all()
+        assert all(distance >= 0.0 for _, distance in found.others)
+    return None
 
 
 @pytest.mark.slow
@@ -153,12 +193,28 @@ def test_a_trace_ends_in_a_verdict_or_one_line(drawn):
 
 
 def ends(plant, recording):
+    """Trace, and assert what holds of any result; returns its report, None where refused."""
     try:
         found = trace(recording, None, plant)
-    except UserError:
-        return
-    assert summarise(found)['verdict'] in (
-        'effect_found', 'nothing_missing', 'unexplained')
+    except UserError as error:
+        return refused(error)
+    # As it is written: strict JSON, of the schema.
+    report = json.loads(json.dumps(summarise(found), allow_nan=False))
+    assert fault(report, 'report') == ''
+    assert report['verdict'] in ('effect_found', 'nothing_missing', 'unexplained')
+    assert bool(report['effects']) == (report['verdict'] == 'effect_found')
+    assert '\n' not in report['says']
+    for when in ('before', 'after'):
+        assert all(p['value'] is not None and np.isfinite(p['value'])
+                   for p in report['parameters'][when].values())
+    if found.changed:       # only what improves on data that were not fitted is added
+        assert 0.0 < report['improvement']['low'] <= report['improvement']['high']
+        before, after = (report[when]['free_run']['test'] for when in ('before', 'after'))
+        assert after <= before
+    else:
+        assert report['after'] == report['before']
+        assert report['improvement']['relative'] == 0.0
+    return report
 
 
 @pytest.mark.slow

@@ -1,4 +1,4 @@
-"""BA of [B19]: the Bees Algorithm, local search on the best sites and scouts elsewhere."""
+"""BA of [B19]: the Bees Algorithm, local search at the best sites, random scouts."""
 from __future__ import annotations
 
 import numpy as np

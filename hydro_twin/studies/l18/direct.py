@@ -26,7 +26,7 @@ def fit_free_run(recording: Recording, k_1: float) -> dict[str, Estimate]:
 
     Args:
         recording: with the signals command and opening.
-        k_1: correction coefficient [1]; only T_c / k_1 can be told.
+        k_1: correction coefficient [1]; only T_c / k_1 is identifiable.
 
     Returns:
         T_y, T_c and tau [s]; T_c is that which belongs to this k_1.

@@ -22,7 +22,7 @@ class LoopParameters(NamedTuple):
     """Parameters of the linear loop [L18].
 
     The transfer function holds T_c and k_1 only as T_c / k_1, and is the same with T_y and tau
-    exchanged: from command and opening alone k_1 must be given, and T_y >= tau is a convention.
+    exchanged: from command and opening, k_1 must be given, and T_y >= tau is a convention.
 
     Attributes:
         T_y: time constant of the electro-hydraulic converter [s].
@@ -90,13 +90,13 @@ def parameters_from_poles(weights: Weights, T: float, k_1: float) -> LoopParamet
     The closed loop is 1 / prod(1 + t_i s) with t_i = -T / ln z_i, so that sum t_i = T_c / k_1,
     sum t_i t_j = (T_c / k_1) (T_y + tau) and prod t_i = (T_c / k_1) T_y tau.
 
-    A fastest pole too small to be told from none, |z| < 0.1, that is not positive gives no tau:
-    the lag is then faster than the sampling shows, and tau is nan.
+    A fastest pole too small to be distinguished from none, |z| < 0.1, that is not positive gives
+    no tau: the lag is then faster than the sampling shows, and tau is nan.
 
     Args:
         weights: the difference equation.
         T: its sample time [s].
-        k_1: correction coefficient [1]; only T_c / k_1 can be told.
+        k_1: correction coefficient [1]; only T_c / k_1 is identifiable.
 
     Raises:
         DataError: no loop of this structure has these poles: one is not stable, is real and not

@@ -21,6 +21,7 @@ from hydro_twin.valve.flow_characteristic import default_characteristic
 NOISES = (0.0, 1e-5, 1e-4, 5e-4, 2e-3)      # standard deviations, of full opening
 DRAWS = 5
 KEPT = (1, 5)           # every how many of the samples, 2 ms apart, are kept
+RECORDINGS = len(KEPT) * sum(DRAWS if noise else 1 for noise in NOISES)     # without noise, one
 
 Found = Mapping[str, float] | None          # parameters by name; nan where not identifiable
 
@@ -29,7 +30,7 @@ def noise_tables(done: Callable[[], object] = lambda: None) -> str:
     """Write the tables as Markdown.
 
     Args:
-        done: called after each recording, of `len(KEPT) * len(NOISES) * DRAWS`.
+        done: called after each recording, of `RECORDINGS`.
     """
     clean = simulated_steps(STEPS, default_characteristic())
     text = []
@@ -45,7 +46,7 @@ def _table(clean: Series, done: Callable[[], object]) -> list[str]:
     rows, correlations = [], []
     for noise in NOISES:
         found: list[dict[str, Found]] = []
-        for draw in range(DRAWS):
+        for draw in range(DRAWS if noise else 1):
             measured, _ = measure(clean, 'opening', None, noise, 0.0, np.random.default_rng(draw))
             fits, correlation = _fits(Recording((measured,)))
             found.append(fits)
@@ -85,7 +86,7 @@ def _error(found: Sequence[Found], name: str) -> str:
     """Write the median error of a parameter in per cent, 'none' where most have no value."""
     true = getattr(PUBLISHED, name)
     values = [f[name] for f in found if f is not None and np.isfinite(f[name])]
-    if len(values) <= DRAWS // 2:
+    if len(values) <= len(found) // 2:
         return 'none'
     percent = 100 * np.median(np.abs(np.array(values) / true - 1))
     return '< 0.01' if percent < 0.01 else f'{percent:.{2 if percent < 10 else 0}f}'

@@ -49,7 +49,7 @@ class PowerControl:
         """Return the command [1] for the power asked for and the power there is [1]."""
         v = self.values
         error = asked - power
-        # The derivative acts on the power alone, so that a jump of the load makes no kick.
+        # The derivative acts on the power only, so that a jump of the load makes no kick.
         rate = (power - self.slow_power) / v['T_D']
         self.slow_power += self.sample_time * rate
         rise = self.sample_time * v['K_I'] * error

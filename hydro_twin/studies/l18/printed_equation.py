@@ -44,7 +44,7 @@ def parameters_as_printed(weights: Weights, T: float, k_1: float) -> LoopParamet
     Args:
         weights: two weights of the command, three of the opening.
         T: sample time [s].
-        k_1: correction coefficient [1]; only T_c / k_1 can be told.
+        k_1: correction coefficient [1]; only T_c / k_1 is identifiable.
 
     Raises:
         DataError: no real positive parameters give these weights.

@@ -32,7 +32,7 @@ from hydro_twin.studies.l18.event import LOAD, load_loop_constants, simulated_fr
 from hydro_twin.studies.l18.frequency_control import run_both
 from hydro_twin.studies.l18.identify import identify
 from hydro_twin.studies.l18.linear_loop import exact_equivalent, PUBLISHED, Weights
-from hydro_twin.studies.l18.noise_study import DRAWS, KEPT, noise_tables, NOISES
+from hydro_twin.studies.l18.noise_study import noise_tables, RECORDINGS
 from hydro_twin.studies.l18.printed_equation import printed_weights
 from hydro_twin.studies.l18.published_method import (
     fit_published,
@@ -193,7 +193,7 @@ def unexplained(results: Results) -> str:
 
 def noise(_: Results) -> str:
     """Errors of all methods at several noises."""
-    with progress('fitting at several noises', len(KEPT) * len(NOISES) * DRAWS) as done:
+    with progress('fitting at several noises', RECORDINGS) as done:
         return noise_tables(done)
 
 

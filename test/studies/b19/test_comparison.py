@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 
 from hydro_twin.errors import UserError
+from hydro_twin.studies.b19 import comparison
 from hydro_twin.studies.b19.comparison import page, summary, table, write_comparison
 from hydro_twin.studies.b19.study import MODES, PARTS, Run, Study, TITLES
 
@@ -34,6 +35,11 @@ def result() -> dict[str, object]:
             'experiments': summary({'direct': study, 'swapped': study})}
 
 
+@pytest.fixture(scope='module')
+def text(result: dict[str, object]) -> str:
+    return page(result)
+
+
 class Tags(HTMLParser):
     """Collects what the page refers to, and checks that tables close."""
 
@@ -51,8 +57,7 @@ class Tags(HTMLParser):
         self.open -= tag in ('table', 'tr', 'svg')
 
 
-def test_the_page_stands_alone(result: dict[str, object]) -> None:
-    text = page(result)
+def test_the_page_needs_no_other_file(text: str) -> None:
     tags = Tags()
     tags.feed(text)
     assert tags.open == 0
@@ -85,15 +90,19 @@ def test_the_object_is_strict_json(result: dict[str, object]) -> None:
         np.percentile(methods['ea']['runs']['test']['one_step'], [0, 25, 50, 75, 100]))
 
 
-def test_writes_the_three_files(result: dict[str, object], tmp_path: Path) -> None:
+def test_writes_the_three_files(result: dict[str, object], text: str, tmp_path: Path,
+                                monkeypatch: pytest.MonkeyPatch) -> None:
+    # Drawn already.
+    monkeypatch.setattr(comparison, 'page', lambda what: text if what is result else page(what))
     files = write_comparison(result, tmp_path / 'new' / 'folder')
     assert sorted(file.name for file in (tmp_path / 'new' / 'folder').iterdir()) == sorted(
         file.name for file in files) == ['comparison.csv', 'comparison.html', 'comparison.json']
+    assert files[0].read_text(encoding='utf-8') == text
 
 
-def test_writes_all_or_none(
-    result: dict[str, object], tmp_path: Path, monkeypatch: pytest.MonkeyPatch,
-) -> None:
+def test_writes_all_or_none(result: dict[str, object], text: str, tmp_path: Path,
+                            monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(comparison, 'page', lambda what: text if what is result else page(what))
     write_text = Path.write_text
 
     def full(path: Path, text: str, **more: str) -> int:
