@@ -35,7 +35,6 @@ INSIDE = 1e-9           # distance to a bound, relative
 REWEIGHTED = 2          # further searches with new weights; they settle after one, or hardly
 SAME_WEIGHT = 2.0       # ratio of two weights that give nearly the same start
 SMALL = 0.1             # of the residual: a start that takes off less hardly turns the slopes
-UNBOUNDED = 1e50        # of a derivative, whose squares and products would overflow
 CONVERGED = 'converged'
 
 
@@ -203,7 +202,6 @@ class Problem:
             y, slopes = run_with_slopes(system, by, tangent, part.inputs, start.x, start.z)
             others = np.empty((len(y), by.count))
             others[:, order] = slopes[:, :by.count]
-            others[:, np.abs(others).max(axis=0, initial=0.0) > UNBOUNDED] = 0.0
             missed = np.clip(np.nan_to_num(part.measured - y, nan=far), -far, far)
             return without_start(missed, slopes[:, by.count:], candidate.usual_response,
                                  candidate.start_up, others, weight)

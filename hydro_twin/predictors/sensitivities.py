@@ -23,6 +23,7 @@ from hydro_twin.predictors.system import discretise, port_rows, System
 
 NAME = 'hydro_twin_tangents'
 COMPLEX_STEP = 1e-20
+UNBOUNDED = 1e50        # of a derivative: its products in a fit would overflow
 
 
 class Tangent(NamedTuple):
@@ -434,8 +435,8 @@ def run_with_slopes(system: System, by: Directions, tangent: Tangent, inputs: Fl
         z: what the effects keep there, (memory,).
 
     Returns:
-        The output, (N,), and its derivatives, (N, D): by the unknowns, by x and by z, nought for
-        what does not last.
+        The output, (N,), and its derivatives, (N, D): by the unknowns, by x and by z. Zero for
+        what does not last, and for what grows without bound, as under laws that are not stable.
     """
     n, kept = len(x), lasting(system)
     start = np.zeros((n + system.memory, by.count + n + len(kept)))
@@ -447,6 +448,7 @@ def run_with_slopes(system: System, by: Directions, tangent: Tangent, inputs: Fl
     g = np.zeros((1 + system.memory, 4 + len(system.step.p) + system.memory))
     y, dy = np.empty(len(inputs)), np.empty((len(inputs), start.shape[1]))
     run(system.step, tangent, x.copy(), z.copy(), system.work(), rows, g, inputs, y, dy)
+    dy[:, ~(np.abs(dy).max(axis=0) < UNBOUNDED)] = 0.0
     if len(kept) == system.memory:
         return y, dy
     slopes = np.zeros((len(inputs), by.count + n + system.memory))

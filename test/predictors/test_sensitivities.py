@@ -150,3 +150,15 @@ def test_by_an_inertia_and_a_lag_as_the_variational_equation_has_it():
         expected.append(both.reshape(3, states)[1:] @ laws.C[0])
     expected = np.array(expected)
     np.testing.assert_allclose(slopes[:, :2], expected, atol=1e-7 * np.abs(expected).max())
+
+
+def test_derivatives_that_grow_without_bound_are_left_out():
+    """As at rest, under laws that are not stable: the run is bounded, its derivatives are not."""
+    plant = PLANTS['load_simulator']
+    values = middle(plant) | {'B_m': -50.0, 'J': 0.01}
+    system, inputs = assemble(plant, values), np.zeros((SAMPLES, 2))
+    by = Directions([('K_q', 1.0)])
+    y, slopes = run_with_slopes(system, by, tangent_of(system, values, by), inputs,
+                                np.zeros(plant.order), np.zeros(0))
+    assert not y.any()
+    assert not slopes.any()
