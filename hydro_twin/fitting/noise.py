@@ -20,8 +20,8 @@ ENOUGH = 3000           # samples: they tell a standard deviation to 1.3 %
 # How much process noise moves the output over the start-up time, in measurement noises: less than
 # the first can hardly be told from none, more than the second from none on the measurement.
 LEAST, MOST = 0.01, 1e4
-# Where the search looks for its start: measurement noises, in shares of that of second differences,
-# and ratios of process noise. Downhill from too little noise it would leap to far too much.
+# Where the search looks for its start: measurement noises, in shares of that of second
+# differences, and ratios of process noise. Downhill from too little it leaps to far too much.
 SHARES, RATIOS = (0.1, 1.0), (0.1, 1.0, 10.0, 100.0)
 SPAN = 10.0             # of the measurement noise, either way, in logarithms
 NAT = 1e-2              # of the likelihood, by which a step of the search must still gain
