@@ -12,7 +12,7 @@ from hydro_twin.fitting.refit import Refit, Request
 from hydro_twin.model import load_predictor, Model, read_model
 from hydro_twin.plants import Plant, plant_named
 from hydro_twin.plants.plant import FloatArray
-from hydro_twin.predictors import kind_named, MODES, Predictor
+from hydro_twin.predictors import kind_named, modes_of, Predictor
 from hydro_twin.predictors.scores import fit_percent, persistence, pooled, predict, rms
 from hydro_twin.progress import Progress, silent
 from hydro_twin.provenance import provenance
@@ -66,8 +66,9 @@ class Replay:
 
     Attributes:
         recording: what was recorded.
-        predictions: 'one_step' and 'free_run' -> for each series an array of its length, in the
-            output's unit; nan where there is no prediction, or it has diverged.
+        predictions: 'one_step', 'free_run' and, where the model knows its noise, 'observer' -> for
+            each series an array of its length, in the output's unit; nan where there is no
+            prediction, or it has diverged.
     """
 
     plant: Plant
@@ -218,7 +219,7 @@ def trace(data: Data, model: Model | None = None, seed: int = 0, *,
 
 
 def replay(data: Data, model: Model | Predictor) -> Replay:
-    """Run a model over a recording, one step and free run.
+    """Run a model over a recording, in every mode that it has.
 
     Args:
         data: the recording.
@@ -230,7 +231,8 @@ def replay(data: Data, model: Model | Predictor) -> Replay:
     predictor = (model.at(data.recording.sample_time).predictor() if isinstance(model, Model)
                  else model)
     return Replay(data.plant, data.recording, {
-        mode: predict(predictor, data.recording.series, mode) for mode in MODES})
+        mode: predict(predictor, data.recording.series, mode)
+        for mode in modes_of(predictor.model)})
 
 
 def _paths(given: Paths) -> list[Path]:

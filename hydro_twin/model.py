@@ -15,7 +15,7 @@ from hydro_twin.errors import ModelError, UserError
 from hydro_twin.files import write_whole
 from hydro_twin.plants import Plant, plant_named, Port
 from hydro_twin.plants.plant import FloatArray
-from hydro_twin.predictors import kind_named, make_predictor, Predictor
+from hydro_twin.predictors import kind_named, make_predictor, modes_of, Predictor
 from hydro_twin.recording.clock import same
 from hydro_twin.recording.series import Series
 from hydro_twin.schema import fault
@@ -55,6 +55,22 @@ class FittedEffect:
 
 
 @dataclass(frozen=True)
+class Noise:
+    """What the observer takes as known of noise, all by maximum likelihood.
+
+    Attributes:
+        measurement: standard deviation of the measured output, in its unit.
+        process: intensity of white noise on the rates of states, by name, in the state's SI unit
+            over the root of a second; nought where there is none.
+        start: standard deviation of each state at the begin of a run, by name, in its SI unit.
+    """
+
+    measurement: float
+    process: Mapping[str, float]
+    start: Mapping[str, float]
+
+
+@dataclass(frozen=True)
 class Model:
     """A plant with values, effects, and perhaps a network beside.
 
@@ -62,9 +78,10 @@ class Model:
         kind: name of the predictor that runs it.
         timing: how late each input acts [s], by name: what the stamps cannot tell (see docs).
         substeps: integration steps in a sample, chosen by error when the model was fitted.
+        noise: for the observer; None: it cannot run.
         network: name of the weights file beside the model file.
-        errors: {'before' and 'after': {'one_step' and 'free_run': {'train', 'test'}}}, in the
-            unit of the output.
+        errors: {'before' and 'after': {'one_step', 'free_run' and, with noise, 'observer':
+            {'train', 'test'}}}, in the unit of the output.
         provenance: bags with their SHA-256, command, seed, version.
         notes: what a reader of the values must know, a sentence each.
     """
@@ -77,6 +94,7 @@ class Model:
     effects: tuple[FittedEffect, ...] = ()
     timing: Mapping[str, float] = field(default_factory=dict)
     substeps: int = 4
+    noise: Noise | None = None
     network: str | None = None
     errors: Mapping[str, Any] = field(default_factory=dict)
     provenance: Mapping[str, Any] = field(default_factory=dict)
@@ -124,20 +142,23 @@ class Model:
 
         Args:
             series: at the sample time of the model.
-            mode: 'one_step' or 'free_run'.
+            mode: 'one_step', 'free_run' or 'observer'.
             folder: where its weights lie, if it has any.
 
         Returns:
             Shape (N,), in the output's unit; nan where there is none.
 
         Raises:
-            ModelError: its weights are missing, or the series is of another sample time.
+            ModelError: its weights are missing, the series is of another sample time, or the model
+                does not run in that mode.
         """
+        if mode not in modes_of(self):
+            raise ModelError(f'mode {mode}: this model has {", ".join(modes_of(self))}')
         if not same(series.sample_time, self.sample_time):
             raise ModelError(f'a series of {series.sample_time:g} s; the model runs at '
                              f'{self.sample_time:g} s (see Model.at)')
-        predictor = self.predictor(folder)
-        return predictor.one_step(series) if mode == 'one_step' else predictor.free_run(series)
+        prediction: FloatArray = getattr(self.predictor(folder), mode)(series)
+        return prediction
 
     def promised(self, mode: str) -> float | None:
         """RMS error that the model had on data it did not fit; None where it does not say."""
@@ -243,6 +264,9 @@ def document(model: Model) -> dict[str, Any]:
                                     strict=True)
                 if value != p.refinement},
         } for effect in model.effects],
+        **({'observer': {'measurement_noise': model.noise.measurement,
+                         'process_noise': dict(model.noise.process),
+                         'start': dict(model.noise.start)}} if model.noise else {}),
         'network': model.network,
         **({'notes': list(model.notes)} if model.notes else {}),
         'errors': dict(model.errors),
@@ -355,8 +379,27 @@ def _from_document(raw: Mapping[str, Any]) -> Model:
     return Model(
         plant=plant, parameters=estimates, constants=plant.constant_values(constants),
         sample_time=sample_time, kind=kind.name, effects=effects, timing=timing, substeps=substeps,
+        noise=_noise(raw['observer'], plant) if 'observer' in raw else None,
         network=raw.get('network'), errors=raw.get('errors') or {},
         provenance=raw.get('provenance') or {}, notes=tuple(map(str, raw.get('notes') or ())))
+
+
+def _noise(raw: Mapping[str, Any], plant: Plant) -> Noise:
+    """Check the section of the observer.
+
+    Raises:
+        ModelError: a state that the plant does not have, or one missing, or no noise there is.
+    """
+    process, start = ({name: _number(f'observer: {key} of {name}', value)
+                       for name, value in raw[key].items()} for key in ('process_noise', 'start'))
+    noise = Noise(_number('observer: measurement_noise', raw['measurement_noise']), process, start)
+    if not set(process) <= set(start) == set(plant.states):
+        raise ModelError(f'observer: the states of {plant.name} are {", ".join(plant.states)}')
+    if not (0.0 < noise.measurement < math.inf
+            and all(0.0 <= value < math.inf for value in (*process.values(), *start.values()))):
+        raise ModelError('observer: measurement_noise must be above 0, process_noise and start at '
+                         'least 0, and all finite')
+    return noise
 
 
 def _number(name: str, value: object) -> float:

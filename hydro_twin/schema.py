@@ -15,6 +15,7 @@ Text = Annotated[str, Meta(pattern=r'^[-+]?[0-9.]+([eE][-+]?[0-9]+)?$')]
 Number = float | Text
 Column = str | float                # a name that may be a number
 Positive = Annotated[float, Meta(gt=0.0)]
+NotNegative = Annotated[float, Meta(ge=0.0)]
 Errors = dict[str, dict[str, float | None]]      # mode -> part -> RMS
 Digest = Annotated[str, Meta(pattern='^[0-9a-f]{64}$')]
 
@@ -54,6 +55,18 @@ class EffectEntry(Struct, kw_only=True):
     found: str | UnsetType = UNSET
 
 
+class NoiseEntry(Struct, kw_only=True):
+    """What the observer takes as known of noise."""
+
+    measurement_noise: Annotated[Positive, Meta(
+        description='standard deviation in the unit of the output')]
+    process_noise: Annotated[dict[str, NotNegative], Meta(
+        description='intensity on the rate of each state, in its SI unit over the root of a second'
+    )]
+    start: Annotated[dict[str, NotNegative], Meta(
+        description='standard deviation of each state at the begin of a run, in its SI unit')]
+
+
 class Bag(Struct, kw_only=True):
     """A recording and its digest."""
 
@@ -86,6 +99,7 @@ class ModelFile(Struct, kw_only=True):
     timing: Annotated[dict[str, float] | None,
                       Meta(description='how late each input acts [s]')] = None
     effects: tuple[EffectEntry, ...] | None = None
+    observer: NoiseEntry | UnsetType = UNSET
     network: Annotated[str | None, Meta(description='file of its weights, beside it')] = None
     notes: tuple[str, ...] | None = None
     errors: Annotated[dict[Literal['before', 'after'], Errors] | None,
@@ -148,7 +162,7 @@ class ConfigParameters(Struct, kw_only=True):
     constants: dict[str, Number] = field(default_factory=dict)
     model: str = ''
     models: tuple[str, ...] = ()
-    mode: Literal['one_step', 'free_run'] = 'one_step'
+    mode: Literal['one_step', 'observer', 'free_run'] = 'one_step'
     wait: Annotated[float, Meta(ge=0.0, le=10.0, description='[s]')] = 0.1
     autostart: bool = True
 

@@ -54,7 +54,7 @@ def test_a_model_that_is_saved_runs_as_the_one_that_is_not(data, fit, tmp_path):
     fit.save(tmp_path / 'm.yaml')
     series = data.recording.series[0]
     read = ht.read_model(tmp_path / 'm.yaml')
-    for mode in ('one_step', 'free_run'):
+    for mode in ('one_step', 'free_run', 'observer'):
         predicted = read.run(series, mode)
         assert predicted.shape == series['T_g'].shape
         np.testing.assert_array_equal(predicted, fit.model.run(series, mode))

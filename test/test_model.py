@@ -12,6 +12,7 @@ from hydro_twin.model import (
     Estimate,
     FittedEffect,
     Model,
+    Noise,
     place,
     read_model,
     write_model,
@@ -33,6 +34,7 @@ def model():
         FittedEffect(place('dead_zone', 'spool', {'width': 3e-6, 'centre': -1e-7}, PLANT)))
     return Model(PLANT, estimates, {'D_m': 2.2e-5}, 0.002, effects=effects,
                  timing={'u_m': -0.001}, substeps=8,
+                 noise=Noise(0.5, {'x_v': 0.0, 'omega_j': 0.1}, dict.fromkeys(PLANT.states, 0.2)),
                  errors={'after': {'one_step': {'train': 0.5, 'test': 0.6},
                                    'free_run': {'train': 0.7}}},
                  provenance={'seed': 3, 'bags': [{'path': 'a bag', 'sha256': 'ab' * 32}]})
@@ -51,7 +53,36 @@ def test_comes_back_as_it_was_written(model, tmp_path):
     assert back.values == model.values
     assert back.placed == model.placed
     assert back.parameters == model.parameters
+    assert back.noise == model.noise
     assert [p.name for p in tmp_path.iterdir()] == ['model.yaml']
+
+
+def test_a_file_without_the_noise_of_the_observer_is_read(raw, tmp_path):
+    del raw['observer']
+    path = tmp_path / 'model.yaml'
+    path.write_text(yaml.safe_dump(raw))
+    assert read_model(path).noise is None
+
+
+@pytest.mark.parametrize(('keys', 'value', 'says'), [
+    (['measurement_noise'], 0.0, 'must be above 0'), (['start', 'x_v'], math.inf, 'all finite'),
+    (['process_noise', 'x_v'], -1.0, 'at least 0'),
+    (['process_noise', 'x'], 1.0, 'the states of load_simulator are x_v, p_L'),
+    (['start', 'p_L'], None, 'the states of load_simulator are x_v, p_L'),
+    (['process_noise', 'x_v'], 'much', "process_noise of x_v: 'much' is not a number"),
+])
+def test_noise_that_cannot_be_is_refused(raw, tmp_path, keys, value, says):
+    entry = raw['observer']
+    for key in keys[:-1]:
+        entry = entry[key]
+    if value is None:
+        del entry[keys[-1]]
+    else:
+        entry[keys[-1]] = value
+    path = tmp_path / 'model.yaml'
+    path.write_text(yaml.safe_dump(raw))
+    with pytest.raises(ModelError, match=says):
+        read_model(path)
 
 
 def test_file_is_for_people(model, tmp_path):

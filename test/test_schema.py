@@ -10,7 +10,7 @@ import yaml
 
 from hydro_twin.commands.main import main
 from hydro_twin.errors import ModelError, UserError
-from hydro_twin.model import document, Estimate, FittedEffect, Model, place, read_model
+from hydro_twin.model import document, Estimate, FittedEffect, Model, Noise, place, read_model
 from hydro_twin.plants import PLANTS
 from hydro_twin.recording.signals import load_signals
 from hydro_twin.recording.table_map import load_map
@@ -37,6 +37,7 @@ def model():
     return document(Model(
         PLANT, estimates, {'D_m': 2.2e-5}, 0.002, timing={'u_m': -0.001}, notes=('a note',),
         effects=(FittedEffect(placed, {'coulomb': 0.1}),),
+        noise=Noise(0.5, {'x_v': 1e-6}, dict.fromkeys(PLANT.states, 0.2)),
         errors={'after': {'one_step': {'train': 0.5, 'test': 0.6}}},
         provenance={'seed': 3, 'bags': [{'path': 'a bag', 'sha256': 'ab' * 32}]}))
 
@@ -95,6 +96,7 @@ def put(raw, keys, value):
     (['parameters', 'J', 'std_error'], 'small'),
     # What no figure hangs on, which the reader takes from the types.
     (['effects', 0, 'parameters', 'coulomb', 'std_error'], 'small'), (['notes'], [3]),
+    (['observer', 'measurement_noise'], 0.0), (['observer', 'start'], None),
     (['network'], 7), (['parameters', 'J', 'at_bound'], 'sideways'), (['errors'], [0.5]),
     (['errors', 'after', 'one_step', 'test'], 'low'), (['provenance', 'bags', 0, 'path'], None),
 ])

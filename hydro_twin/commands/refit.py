@@ -159,7 +159,9 @@ def show(result: dict[str, Any], console: Console) -> None:
         console.print(f'hidden layers: {", ".join(map(str, result["hidden"]))}; weight decay '
                       f'{result["decay"]:g}', highlight=False)
     table = Table(f'RMS error, {result["unit"]}', 'train', 'test')
-    for mode in ('one_step', 'free_run'):
+    for mode in ('one_step', 'observer', 'free_run'):
+        if mode not in result['train']:
+            continue
         table.add_row(mode.replace('_', ' '),
                       *(f'{result[part][mode]:.4g}' for part in ('train', 'test')))
     for bound, says in (('unconstrained', 'one step, no physics'),

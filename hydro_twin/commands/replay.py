@@ -135,7 +135,9 @@ def show(result: dict[str, Any], console: Console) -> None:
     console.print(f'{result["samples"]} samples in {result["series"]} series, '
                   f'{result["sample_time"]:g} s apart')
     table = Table('', f'RMS error, {unit}', 'fit, %')
-    for mode in ('one_step', 'free_run'):
+    for mode in ('one_step', 'observer', 'free_run'):
+        if mode not in result:
+            continue
         table.add_row(mode.replace('_', ' '), f'{result[mode]["rmse"]:.4g}',
                       f'{result[mode]["fit_percent"]:.2f}')
     table.add_row('persistence', f'{result["persistence"]["rmse"]:.4g}', '')

@@ -68,7 +68,9 @@ def show(result: dict[str, Any], console: Console) -> None:
         console.print(f'{effect["id"]} at {effect["port"]}: {values} '
                       f'({"certain" if effect["certain"] else "not certain"})')
     table = Table('error (RMS)', 'before', 'after')
-    for kind in ('free_run', 'one_step'):
+    for kind in ('free_run', 'one_step', 'observer'):
+        if any(kind not in result[when] for when in ('before', 'after')):
+            continue
         for part in ('train', 'test'):
             table.add_row(f'{kind.replace("_", " ")}, {part}',
                           *(f'{result[when][kind][part]:.4g}' for when in ('before', 'after')))

@@ -11,6 +11,7 @@ from hydro_twin.files import write_whole
 from hydro_twin.fitting.identifiability import Identifiability
 from hydro_twin.fitting.network import check_device, Job, make_problem, Problem, train_batch
 from hydro_twin.fitting.network_search import DECAYS, search, STRUCTURES
+from hydro_twin.fitting.noise import estimate_noise
 from hydro_twin.fitting.physics import fit_physics, method_named, Physics, Task
 from hydro_twin.fitting.regression import regression
 from hydro_twin.model import FittedEffect, Model, write_model
@@ -202,6 +203,9 @@ def refit(train: Recording, test: Recording, plant: Plant, constants: Mapping[st
     elif kind.fit:
         with show('fitting the weights', None):
             fitted = kind.fit(train, model, request.seed)
+    if kind.analytical:
+        with show('estimating the noise', None):
+            model = replace(model, noise=estimate_noise(model, train.series))
     predictor = fitted.predictor if fitted else make_predictor(model, Path())
     errors = errors_of(predictor, {'train': train, 'test': test})
     return Refit(replace(model, errors={'after': errors}), predictor,

@@ -9,6 +9,7 @@ import re
 from hydro_twin.errors import ModelError
 from hydro_twin.live.twin import MAIN, Twin
 from hydro_twin.model import document, load_predictor
+from hydro_twin.predictors import modes_of
 from hydro_twin.recording.digest import source_of
 
 TASTE = 4096   # bytes at the begin of a model file that show whether it may be one
@@ -53,6 +54,9 @@ def load_twin(choice: Choice, mode: str) -> Twin:
         ModelError: the model cannot be used.
     """
     predictor = load_predictor(choice.path)
+    if mode not in modes_of(predictor.model):
+        raise ModelError(f'{choice.path}: no section `observer`, which mode observer needs: '
+                         '`refit` and `trace` write it for analytical models')
     about = {'name': choice.name, 'path': str(choice.path),
              'sha256': source_of(choice.path).sha256, 'mode': mode, **document(predictor.model)}
     twin = Twin(choice.name, predictor, mode, about)

@@ -42,8 +42,9 @@ SETTINGS = (
             'PATH'),
     Setting('plant', '', 'plant that the models must be of; if not given, that of the model'),
     Setting('mode', 'one_step', 'one_step: from measured outputs up to the sample before; '
-            'free_run: from commands only; may be set while the node runs',
-            choices=('one_step', 'free_run')),
+            'observer: likewise, by a Kalman filter about the model; free_run: from commands '
+            'only; may be set while the node runs',
+            choices=('one_step', 'free_run', 'observer')),
     Setting('wait', 0.1, 'how long a late input is waited for before its last value is held [s]; '
             'may be set while the node runs', bounds=(0.0, 10.0)),
     Setting('sample_time', 0.0, 'clock of the offline verbs that read the same file [s]; the node '

@@ -1,22 +1,26 @@
 """The analytical predictor: the plant's laws with the effects of its model."""
 from __future__ import annotations
 
+from functools import cached_property
 import math
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
 
+from hydro_twin.errors import ModelError
 from hydro_twin.plants import Plant
 from hydro_twin.plants.difference_equation import bilinear
 from hydro_twin.plants.plant import FloatArray
 from hydro_twin.predictors import kernel
 from hydro_twin.predictors.kind import Kind
+from hydro_twin.predictors.predictor import OBSERVER
 from hydro_twin.predictors.system import assemble, System
 from hydro_twin.recording.series import Series
 
 if TYPE_CHECKING:
     from hydro_twin.model import Model
+    from hydro_twin.predictors.observer import Observer
 
 HISTORY = 256                               # samples of inputs a live run keeps
 
@@ -65,8 +69,32 @@ class Analytical:
         measured = series[self.plant.output.name]
         return self.system.run(inputs, self.system.start(inputs[0], _first(measured[0])))
 
+    def observer(self, series: Series) -> FloatArray:
+        """Predict each sample by the observer, from measured outputs up to the one before; (N,).
+
+        Raises:
+            ModelError: the model has no noise.
+        """
+        return self.filter.run(self.inputs(series), series[self.plant.output.name])[0][:, 0]
+
+    @cached_property
+    def filter(self) -> Observer:
+        """The observer; its module is imported when one is needed, since it compiles derivatives.
+
+        Raises:
+            ModelError: the model has no noise.
+        """
+        from hydro_twin.predictors.observer import Observer
+
+        if self.model.noise is None:
+            raise ModelError('the model has no section `observer`, which that mode needs: `refit` '
+                             'and `trace` write it')
+        return Observer(self.system, self.model.noise)
+
     def stepper(self, mode: str) -> FreeRun | OneStep:
         """Start a live run; see `Predictor`."""
+        if mode == OBSERVER:
+            return Observed(self.filter)
         return FreeRun(self.system) if mode == 'free_run' else OneStep(self)
 
 
@@ -91,17 +119,44 @@ class FreeRun:
     def step(self, inputs: FloatArray, measured: float) -> float:
         """Predict the output of the next sample; see `Stepper`."""
         s = self.system
+        self.take(inputs, measured)
+        if self.k == 0:
+            y = kernel.output(s.step, self.x, self.z, self.work, self.inputs, 0)
+        else:
+            y = kernel.live_step(self.x, self.z, self.work, self.inputs, self.k, *s.step)
+        return y if abs(y) < kernel.LIMIT else math.nan
+
+    def take(self, inputs: FloatArray, measured: float) -> None:
+        """Keep the inputs of the next sample; the first one sets the state."""
         self.k += 1
         if self.k == len(self.inputs):
             self.inputs[:self.keep] = self.inputs[self.keep:]
             self.k = self.keep
         self.inputs[self.k] = inputs
         if self.k == 0:
-            self.x[:] = s.start(inputs, _first(measured))
-            y = kernel.output(s.step, self.x, self.z, self.work, self.inputs, 0)
-        else:
-            y = kernel.live_step(self.x, self.z, self.work, self.inputs, self.k, *s.step)
-        return y if abs(y) < kernel.LIMIT else math.nan
+            self.x[:] = self.system.start(inputs, _first(measured))
+
+
+class Observed(FreeRun):
+    """A run of the observer, live."""
+
+    def __init__(self, observer: Observer) -> None:
+        from hydro_twin.predictors.observer import run
+
+        super().__init__(observer.system)
+        self.run = run
+        self.filter = (observer.system.step, observer.tangent, observer.filter, observer.scratch())
+        self.measured = np.empty(len(self.inputs))
+        self.results = np.empty((len(self.inputs), 2))
+        self.states = np.empty((0, 2, len(self.x)))
+
+    def step(self, inputs: FloatArray, measured: float) -> float:
+        """Predict the output of the next sample; see `Stepper`."""
+        self.take(inputs, measured)
+        self.measured[self.k] = measured
+        self.run(*self.filter, self.x, self.z, self.inputs, self.measured, self.k, self.k + 1,
+                 self.results, self.states)
+        return float(self.results[self.k, 0])
 
 
 class OneStep:

@@ -10,7 +10,13 @@ from hydro_twin.recording.series import Series
 if TYPE_CHECKING:
     from hydro_twin.model import Model
 
-MODES = ('one_step', 'free_run')
+MODES = ('one_step', 'free_run')        # of every predictor
+OBSERVER = 'observer'                   # of an analytical one that knows its noise
+
+
+def modes_of(model: Model) -> tuple[str, ...]:
+    """List the modes in which a model runs; each is the name of a method of its predictor."""
+    return MODES if model.noise is None else (*MODES, OBSERVER)
 
 
 class Stepper(Protocol):
@@ -57,5 +63,5 @@ class Predictor(Protocol):
         ...
 
     def stepper(self, mode: str) -> Stepper:
-        """Start a run, live, that gives the very digits of `one_step` or `free_run`."""
+        """Start a run, live, that gives the very digits of the method of that name."""
         ...

@@ -1,8 +1,9 @@
 """The errors that are reported: one definition of each, for every verb, report and model file.
 
 One step: the predictor's `one_step`, without the first order + 1 samples of each part, which only
-feed the regressors [B19]. Free run: the predictor's `free_run`, without the start-up of each
-series. Persistence: the last sample repeated, on the samples that one step is scored on.
+feed the regressors [B19]. Observer: the predictor's `observer`, on the same samples. Free run: the
+predictor's `free_run`, without the start-up of each series. Persistence: the last sample repeated,
+on the samples that one step is scored on.
 
 A part of a series is scored by index in the run over the whole series. So a part that begins in
 motion has no start of its own, and the errors of the parts are those of the run that the node and
@@ -17,6 +18,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from hydro_twin.plants.plant import FloatArray, Plant
+from hydro_twin.predictors.predictor import modes_of
 from hydro_twin.recording.series import Recording, Series
 
 if TYPE_CHECKING:
@@ -44,15 +46,15 @@ def unscored(plant: Plant, sample_time: float, mode: str) -> int:
     Args:
         plant: the plant.
         sample_time: of the series [s].
-        mode: 'one_step' or 'free_run'.
+        mode: 'one_step', 'free_run' or 'observer'.
     """
-    return plant.order + 1 if mode == 'one_step' else plant.start_samples(sample_time)
+    return plant.start_samples(sample_time) if mode == 'free_run' else plant.order + 1
 
 
 def first_scored(series: Series, plant: Plant, mode: str) -> int:
     """Return the index of the first sample of a series, or a part of one, that is scored."""
     skipped = unscored(plant, series.sample_time, mode)
-    return skipped if mode == 'one_step' else max(skipped - series.offset, 0)
+    return max(skipped - series.offset, 0) if mode == 'free_run' else skipped
 
 
 def predict(predictor: Predictor, series: Sequence[Series], mode: str) -> list[FloatArray]:
@@ -61,12 +63,12 @@ def predict(predictor: Predictor, series: Sequence[Series], mode: str) -> list[F
     Args:
         predictor: what is run.
         series: series, or parts of some.
-        mode: 'one_step' or 'free_run'.
+        mode: 'one_step', 'free_run' or 'observer'.
 
     Returns:
         For each series an array of its length, in the output's unit; nan as `Predictor` says.
     """
-    run = predictor.one_step if mode == 'one_step' else predictor.free_run
+    run = getattr(predictor, mode)
     runs: dict[int, FloatArray] = {}
     predictions = []
     for part in series:
@@ -89,7 +91,7 @@ def errors_of(predictor: Predictor, parts: Mapping[str, Recording]) -> Errors:
     """Score a model on named parts, as 'train' and 'test'; nan where a run diverges."""
     every = [series for part in parts.values() for series in part.series]
     errors: Errors = {}
-    for mode in ('one_step', 'free_run'):
+    for mode in modes_of(predictor.model):
         left = iter(errors_by_series(predictor, every, mode))
         errors[mode] = {name: rms(np.concatenate([next(left) for _ in part.series]))
                         for name, part in parts.items()}

@@ -2,15 +2,25 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 
 from hydro_twin.fitting.estimates import combination_estimates, fitted_model
 from hydro_twin.fitting.free_run import Fit
+from hydro_twin.fitting.noise import estimate_noise
+from hydro_twin.model import Model
 from hydro_twin.plants.plant import FloatArray
 from hydro_twin.predictors.analytical import Analytical
-from hydro_twin.predictors.predictor import MODES
-from hydro_twin.predictors.scores import Errors, first_scored, persistence, predict, rms
+from hydro_twin.predictors.predictor import MODES, OBSERVER
+from hydro_twin.predictors.scores import (
+    Errors,
+    errors_by_series,
+    first_scored,
+    persistence,
+    predict,
+    rms,
+)
 from hydro_twin.recording.series import Series
 from hydro_twin.residual.evidence import Evidence
 from hydro_twin.residual.shape import shape_of
@@ -39,6 +49,9 @@ def result_of(found: Evidence) -> TraceResult:
     models = {when: fitted_model(fit, known[when],
                                  {'before': errors['before'], 'after': errors[when]})
               for when, fit in fits.items()}
+    models['before'] = _observed(models['before'], found)
+    models['after'] = (models['before'] if found.final is found.before else
+                       _observed(models['after'], found))
     effects = named_effects(found)
     return TraceResult(
         plant=found.plant, verdict=verdict_of(found), tested=found.tested,
@@ -57,6 +70,19 @@ def result_of(found: Evidence) -> TraceResult:
 def _predictions(fit: Fit, series: Sequence[Series]) -> Predictions:
     predictor = Analytical(fit.candidate.model())
     return {mode: predict(predictor, series, mode) for mode in MODES}
+
+
+def _observed(model: Model, found: Evidence) -> Model:
+    """Give a model the noise that its observer needs, and the errors of that."""
+    noise = estimate_noise(model, found.recordings['train'].series)
+    if noise is None:
+        return model
+    model = replace(model, noise=noise)
+    missed = {part: errors_by_series(Analytical(model), recording.series, OBSERVER)
+              for part, recording in found.recordings.items()}
+    errors = {part: rms(np.concatenate(of_series)) for part, of_series in missed.items()}
+    return replace(model, errors={**model.errors,
+                                  'after': {**model.errors['after'], OBSERVER: errors}})
 
 
 def _missed(found: Evidence, predicted: Predictions, mode: str) -> dict[str, list[FloatArray]]:

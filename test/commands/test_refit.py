@@ -58,7 +58,9 @@ def test_finds_what_the_simulation_was_given(bag, tmp_path, capsys):
         assert not result['parameters'][name]['identifiable']
     assert set(result['combinations']) == {'V_m/beta_e', 'K_q*K_sv'}
     for part in ('train', 'test'):
-        assert set(result[part]) == {'one_step', 'free_run'}
+        assert set(result[part]) == {'one_step', 'free_run', 'observer'}
+        assert result[part]['observer'] < min(result[part]['one_step'],
+                                              1.02 * result[part]['free_run'])
         assert result[part]['free_run'] < 0.5
         assert result['unconstrained'][part] <= result[part]['one_step']
         assert result[part]['one_step'] < result['persistence'][part]

@@ -2,6 +2,7 @@
 from __future__ import annotations
 
 import math
+from pathlib import Path
 
 from live_rig import Echo, joint_state, model, PLANT, SIGNALS, Sink, START, STEP
 import numpy as np
@@ -264,3 +265,10 @@ def test_a_model_of_another_plant_is_refused(tmp_path) -> None:   # type: ignore
     slow = Twin('slow', Echo(model(), sample_time=0.01), 'one_step')
     with pytest.raises(ModelError, match='sample_time'):
         same_inputs(slow, twin)
+
+
+def test_a_model_without_noise_cannot_run_the_observer(tmp_path: Path) -> None:
+    path = tmp_path / 'old.yaml'
+    write_model(model(), path)
+    with pytest.raises(ModelError, match=r'old\.yaml: no section `observer`, which mode observer'):
+        load_twin(choices(str(path), [])[0], 'observer')

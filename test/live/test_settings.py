@@ -6,7 +6,7 @@ import pytest
 
 from hydro_twin.commands.main import main
 from hydro_twin.live.settings import SETTINGS
-from hydro_twin.predictors.predictor import MODES
+from hydro_twin.predictors.predictor import MODES, OBSERVER
 
 ROOT = Path(__file__).resolve().parents[2]
 
@@ -35,7 +35,7 @@ def test_the_pages_list_the_same_parameters(page):
 
 
 def test_modes_are_those_of_predictors():
-    assert setting('mode').choices == tuple(MODES)
+    assert setting('mode').choices == (*MODES, OBSERVER)
 
 
 @pytest.mark.parametrize(('name', 'value', 'good'), [

@@ -3,7 +3,7 @@ import pytest
 from scipy import signal
 from scipy.optimize import brentq
 
-from hydro_twin.model import Estimate, FittedEffect, Model, place
+from hydro_twin.model import Estimate, FittedEffect, Model, Noise, place
 from hydro_twin.plants import PLANTS
 from hydro_twin.predictors.analytical import Analytical
 from hydro_twin.predictors.system import assemble
@@ -53,12 +53,16 @@ def values_of(plant):
     return {p.name: (p.lower * p.upper) ** 0.5 for p in plant.parameters}
 
 
-def predictor(plant, effects=(), substeps=4):
+NOISE = Noise(0.5, {'x_v': 1e-6, 'p_L': 1e5, 'omega_j': 0.1},
+              {'x_v': 1e-5, 'p_L': 1e6, 'omega_j': 0.1, 'theta_j': 0.01})
+
+
+def predictor(plant, effects=(), substeps=4, noise=None):
     placed = [FittedEffect(place(name, port, parameters, plant))
               for name, (port, parameters) in effects]
     estimates = {name: Estimate(value) for name, value in values_of(plant).items()}
     return Analytical(Model(plant, estimates, plant.constant_values(), plant.sample_time,
-                            effects=tuple(placed), substeps=substeps))
+                            effects=tuple(placed), substeps=substeps, noise=noise))
 
 
 def recording(plant, samples=700, seed=0):
@@ -151,12 +155,12 @@ def test_one_step_is_exact_where_the_model_is(name):
     assert off <= 1.01 * warping + 1e-9
 
 
-@pytest.mark.parametrize('mode', ['one_step', 'free_run'])
+@pytest.mark.parametrize('mode', ['one_step', 'free_run', 'observer'])
 @pytest.mark.parametrize('names', [(), *((name,) for name in EFFECTS),
                                    ('friction', 'dead_zone', 'delay')], ids='+'.join)
 def test_live_is_the_batch_bit_for_bit(names, mode):
     plant = PLANTS['load_simulator']
-    model = predictor(plant, [(name, EFFECTS[name]) for name in names])
+    model = predictor(plant, [(name, EFFECTS[name]) for name in names], noise=NOISE)
     series = recording(plant)                   # longer than what a live run keeps
     series.columns['T_g'][:] = np.random.default_rng(2).normal(size=len(series))
     series.columns['T_g'][100:140] = np.nan     # a sensor that drops out

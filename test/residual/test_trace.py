@@ -24,7 +24,7 @@ from hydro_twin.simulation.simulate import simulate
 
 FRICTION = ('friction', 'motor', {'coulomb': 6.0})
 SHORT = {'count': 2, 'duration': 2.4}
-ERRORS = {'one_step': {'train', 'test'}, 'free_run': {'train', 'test'}}
+ERRORS = {mode: {'train', 'test'} for mode in ('one_step', 'free_run', 'observer')}
 
 
 def report_of(recording, seed=0):

@@ -34,7 +34,7 @@ from sensor_msgs.msg import JointState  # noqa: E402
 from std_msgs.msg import String  # noqa: E402
 from std_srvs.srv import Trigger  # noqa: E402
 
-from hydro_twin.model import Estimate, load_predictor, Model, write_model  # noqa: E402
+from hydro_twin.model import Estimate, load_predictor, Model, Noise, write_model  # noqa: E402
 from hydro_twin.plants import plant_named  # noqa: E402
 from hydro_twin.recording.read import read_recording  # noqa: E402
 from hydro_twin.recording.series import Series  # noqa: E402
@@ -50,11 +50,16 @@ START = 1_700_000_000_123_456_789
 STEP = 2_000_000
 
 
+MODES = ('one_step', 'free_run', 'observer')
+NOISE = Noise(1.0, {'x_v': 1e-6, 'p_L': 1e5, 'omega_j': 0.1},
+              {'x_v': 1e-5, 'p_L': 1e6, 'omega_j': 0.1, 'theta_j': 0.01})
+
+
 def make_model(path: Path, **changes: float) -> Path:
     values = {p.name: (p.lower * p.upper)**0.5 for p in PLANT.parameters} | changes
     write_model(Model(PLANT, {n: Estimate(v) for n, v in values.items()},
-                      PLANT.constant_values(), PLANT.sample_time,
-                      errors={'after': {m: {'test': 3.0} for m in ('one_step', 'free_run')}}),
+                      PLANT.constant_values(), PLANT.sample_time, noise=NOISE,
+                      errors={'after': {m: {'test': 3.0} for m in MODES}}),
                 path)
     return path
 
@@ -81,7 +86,7 @@ def bag(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return path
 
 
-@pytest.mark.parametrize('mode', ['one_step', 'free_run'])
+@pytest.mark.parametrize('mode', MODES)
 @pytest.mark.parametrize('rate', [1.0, 4.0])
 def test_live_is_replay_to_the_last_digit(rig: Rig, bag: Path, model: Path, mode: str,
                                           rate: float) -> None:
