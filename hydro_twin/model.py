@@ -376,6 +376,8 @@ def _from_document(raw: Mapping[str, Any]) -> Model:
     if sample_time <= 0 or not isinstance(substeps, int) or not 1 <= substeps <= MOST_SUBSTEPS:
         raise ModelError(f'sample_time {sample_time} must be above 0 and substeps {substeps} '
                          f'a whole number from 1 to {MOST_SUBSTEPS}')
+    if 'observer' in raw and not kind.analytical:
+        raise ModelError(f'observer: a model of kind {kind.name} has none')
     return Model(
         plant=plant, parameters=estimates, constants=plant.constant_values(constants),
         sample_time=sample_time, kind=kind.name, effects=effects, timing=timing, substeps=substeps,

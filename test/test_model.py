@@ -85,6 +85,13 @@ def test_noise_that_cannot_be_is_refused(raw, tmp_path, keys, value, says):
         read_model(path)
 
 
+def test_only_an_analytical_model_has_an_observer(raw, tmp_path):
+    path = tmp_path / 'model.yaml'
+    path.write_text(yaml.safe_dump(raw | {'predictor': 'hybrid'}))
+    with pytest.raises(ModelError, match='a model of kind hybrid has none'):
+        read_model(path)
+
+
 def test_file_is_for_people(model, tmp_path):
     path = tmp_path / 'model.yaml'
     write_model(model, path)

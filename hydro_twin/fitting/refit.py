@@ -190,7 +190,7 @@ def refit(train: Recording, test: Recording, plant: Plant, constants: Mapping[st
                   provenance=provenance)
     if request.base is not None:
         physics = replace(request.base, kind='analytical', network=None).at(model.sample_time)
-        model = replace(physics, kind=kind.name, provenance=model.provenance)
+        model = replace(physics, kind=kind.name, noise=None, provenance=model.provenance)
     elif kind.physics:
         with show('fitting the physics', None):
             found, criterion = _physics(train, model, request)
