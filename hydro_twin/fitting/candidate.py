@@ -137,12 +137,12 @@ class Candidate:
         """Take one of the effects out."""
         return replace(self, effects=(*self.effects[:index], *self.effects[index + 1:]))
 
-    def start(self, part: Part, near: Start | None = None) -> Start:
-        """Find the state at the begin of a part that its first samples show; see `find_start`."""
+    def start(self, part: Part) -> Start:
+        """Find the state at the begin of a part that its first samples show."""
         n = part.beginning(self.start_up)
         least = max(1e-3 * rms(part.measured), 1e-12)
         return find_start(self.system, self.start_tangent, self.free_response(n), part.inputs[:n],
-                          part.measured[:n], least, near)
+                          part.measured[:n], least)
 
     def free_response(self, samples: int) -> FloatArray:
         """How the output moves with the state at the start, linear laws, (samples, n)."""

@@ -97,7 +97,6 @@ class Evaluation:
         residual: of all parts, scored samples only, (N,).
         slopes: rise of the output by each coordinate, (N, d).
         weights: of the first samples of each part.
-        starts: of the runs over them.
         pulled: what leaving the usual values costs, to be squared, (2 d,).
         reason: of stopping.
     """
@@ -106,7 +105,6 @@ class Evaluation:
     residual: FloatArray
     slopes: FloatArray
     weights: tuple[float, ...]
-    starts: tuple[Start, ...]
     pulled: FloatArray
     reason: str = ''
 
@@ -183,14 +181,13 @@ class Problem:
         by = Directions([d for _, d in plant], [d for _, d in laws], [d for _, d in shifts])
         return by, order
 
-    def at(self, coordinates: FloatArray, weights: Sequence[float | None] = (),
-           near: Sequence[Start | None] = ()) -> Evaluation:
+    def at(self, coordinates: FloatArray, weights: Sequence[float | None] = ()
+           ) -> Evaluation:
         """Run over all parts, with derivatives; a run that diverged counts as very far off.
 
         Args:
             coordinates: of the unknowns, (d,).
             weights: of the first samples of each part, if they are to be kept.
-            near: starts of the runs under nearly the same model, to save the search for them.
         """
         candidate = self.candidate(coordinates)
         by, order = self.directions(candidate)
@@ -207,9 +204,8 @@ class Problem:
                                  candidate.start_up, others, weight)
 
         left = []
-        starts = [candidate.start(part, begin)
-                  for part, begin in zip(self.parts, near or repeat(None), strict=False)]
-        for part, start, weight in zip(self.parts, starts, weights or repeat(None), strict=False):
+        for part, weight in zip(self.parts, weights or repeat(None), strict=False):
+            start = candidate.start(part)
             run = run_from(start, part, weight)
             if run.taken > SMALL * rms(run.residual):
                 # The derivatives belong to a run from where elimination moves the start.
@@ -221,7 +217,7 @@ class Problem:
         return Evaluation(
             coordinates, np.concatenate([run.residual for run in left]),
             np.concatenate([run.slopes for run in left]), tuple(run.weight for run in left),
-            tuple(starts), self.pull(coordinates))
+            self.pull(coordinates))
 
     def bounds(self) -> tuple[FloatArray, FloatArray]:
         """Lower and upper bounds of the coordinates."""
@@ -272,7 +268,7 @@ class Problem:
             """Run, unless the derivatives are asked where the residual was."""
             nonlocal here
             if not np.array_equal(coordinates, here.coordinates):
-                here = self.at(coordinates, weights, here.starts)
+                here = self.at(coordinates, weights)
             return here
 
         def residual(coordinates: FloatArray) -> FloatArray:

@@ -22,15 +22,10 @@ DAMPED = (HELD, 0.3, 10.0)      # and of one from the last step
 
 
 class Start(NamedTuple):
-    """The state at which a run starts: x (n,), and what the effects keep, z (memory,).
-
-    Attributes:
-        missed: sum of squares by which the run misses the first samples.
-    """
+    """The state at which a run starts: x (n,), and what the effects keep, z (memory,)."""
 
     x: FloatArray
     z: FloatArray
-    missed: float = math.inf
 
 
 class Eliminated(NamedTuple):
@@ -96,7 +91,7 @@ def without_start(missed: FloatArray, by_start: FloatArray, usual: FloatArray, s
 
 
 def find_start(system: System, tangent: Tangent, response: FloatArray, inputs: FloatArray,
-               measured: FloatArray, least: float, near: Start | None = None) -> Start:
+               measured: FloatArray, least: float) -> Start:
     """Find the state from which the output is least missed.
 
     From rest, by a search with damped steps [Levenberg 1944], under the whole model. States that
@@ -112,13 +107,11 @@ def find_start(system: System, tangent: Tangent, response: FloatArray, inputs: F
         inputs: (N, m).
         measured: the output, (N,).
         least: movement of the output that is worth following, above zero.
-        near: where to begin (warm start), as where a model of nearly the same values started.
     """
     rest = system.start(inputs[0], measured[0])
     kept = system.kept(inputs[0], rest)
     n, width = len(rest), kept[:, 1] - kept[:, 0]
     size = max(rms(measured - measured.mean()), least)
-    met = (NEAR * size) ** 2 * len(measured)
     shown = np.sqrt(np.mean(response**2, axis=0))
     scale = np.concatenate([size / np.where(shown > 0.0, shown, 1.0), width])
     every = np.flatnonzero(scale > 0.0)
@@ -171,15 +164,11 @@ def find_start(system: System, tangent: Tangent, response: FloatArray, inputs: F
                 break
         return here, gain(columns, HELD)
 
-    if near is not None and len(system.step.effects) > 0:
-        warm, _ = search(at(np.concatenate([near.x, near.z])), every)
-        if warm.power <= max(met, near.missed / NEARER):
-            return _start(warm, n)
     here = at(np.concatenate([rest, np.zeros(len(width))]))
     if len(system.step.effects) == 0:
         return _start(step(here, linear, HELD, 1.0), n)
     best, follows = search(here, every[every < n])
-    if best.power > met:
+    if best.power > (NEAR * size) ** 2 * len(measured):
         sides = [best.state + side * unit for unit in units[:n] for side in (-1.0, 1.0)]
         for i in np.flatnonzero(width):
             sides += [np.where(np.arange(len(scale)) == n + i, value, best.state)
@@ -203,4 +192,4 @@ class _At:
 
 
 def _start(here: _At, n: int) -> Start:
-    return Start(here.state[:n], here.state[n:], here.power)
+    return Start(here.state[:n], here.state[n:])

@@ -36,9 +36,7 @@ from hydro_twin.residual.screen import places, Prospect, screen, spans
 
 AGAIN = 5               # effects with the best scores that are searched from two starting points
 KEPT = 4                # effects that are fitted to convergence
-BRIEF, SHORT, LONG = 4, 10, 40   # evaluations: of a first search, to compare, to converge
-REDUCTION = 3           # one search in so many is continued after `BRIEF` evaluations: of 55
-#                         searches on development rigs the right one was among the best five then
+SHORT, LONG = 10, 40    # evaluations of a search: to compare, to converge
 WITHIN = 3.0            # ratio to the lowest error beyond which no refinement makes up for it
 HOPELESS = 5.0          # and beyond which no longer search does
 PROMISING = 20.0        # likelihood ratio below which a score is chance
@@ -163,24 +161,12 @@ def fit_alternatives(base: Fit, parts: Sequence[Part], most: int, afresh: bool,
     plain = list(known)
     if afresh:
         plain += nearest(linear_starts(base.candidate, parts), parts)
-    return finish(base, halved([*plain, *near], parts, progress), parts)
-
-
-def halved(candidates: Sequence[Candidate], parts: Sequence[Part],
-           progress: Callable[[str], None]) -> list[Fit]:
-    """Fit all with few evaluations, and the best of them with more (successive halving).
-
-    [Jamieson and Talwalkar 2016]. A wrong effect takes long to make up for the right one, which is
-    ahead after a few evaluations.
-    """
-    begun = []
-    for fit in search_all(candidates, parts, BRIEF):
+    tried = []
+    for fit in search_all([*plain, *near], parts, SHORT):   # the long ones first
         last = fit.candidate.effects[-1]
         progress(f'{last.effect.id} at {last.port.name}')
-        begun.append(fit)
-    begun.sort(key=lambda fit: fit.cost)
-    ahead = math.ceil(len(begun) / REDUCTION)
-    return [*search_all([fit.candidate for fit in begun[:ahead]], parts, SHORT), *begun[ahead:]]
+        tried.append(fit)
+    return finish(base, tried, parts)
 
 
 def nothing_shows(base: Fit, prospects: Sequence[Prospect]) -> bool:
