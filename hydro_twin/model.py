@@ -61,7 +61,7 @@ class Noise:
     Attributes:
         measurement: standard deviation of the measured output, in its unit.
         process: intensity of white noise on the rates of states, by name, in the state's SI unit
-            over the root of a second; nought where there is none.
+            over the root of a second; zero where there is none.
         start: standard deviation of each state at the begin of a run, by name, in its SI unit.
     """
 

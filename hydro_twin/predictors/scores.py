@@ -89,13 +89,16 @@ def errors_by_series(predictor: Predictor, series: Sequence[Series], mode: str
 
 def errors_of(predictor: Predictor, parts: Mapping[str, Recording]) -> Errors:
     """Score a model on named parts, as 'train' and 'test'; nan where a run diverges."""
+    return {mode: errors_in(predictor, parts, mode) for mode in modes_of(predictor.model)}
+
+
+def errors_in(predictor: Predictor, parts: Mapping[str, Recording], mode: str
+              ) -> dict[str, float]:
+    """Score a model on named parts in one mode; nan where a run diverges."""
     every = [series for part in parts.values() for series in part.series]
-    errors: Errors = {}
-    for mode in modes_of(predictor.model):
-        left = iter(errors_by_series(predictor, every, mode))
-        errors[mode] = {name: rms(np.concatenate([next(left) for _ in part.series]))
-                        for name, part in parts.items()}
-    return errors
+    left = iter(errors_by_series(predictor, every, mode))
+    return {name: rms(np.concatenate([next(left) for _ in part.series]))
+            for name, part in parts.items()}
 
 
 def pooled(recording: Recording, plant: Plant, predictions: Sequence[FloatArray], mode: str

@@ -15,7 +15,7 @@ from hydro_twin.predictors.analytical import Analytical
 from hydro_twin.predictors.predictor import MODES, OBSERVER
 from hydro_twin.predictors.scores import (
     Errors,
-    errors_by_series,
+    errors_in,
     first_scored,
     persistence,
     predict,
@@ -78,9 +78,7 @@ def _observed(model: Model, found: Evidence) -> Model:
     if noise is None:
         return model
     model = replace(model, noise=noise)
-    missed = {part: errors_by_series(Analytical(model), recording.series, OBSERVER)
-              for part, recording in found.recordings.items()}
-    errors = {part: rms(np.concatenate(of_series)) for part, of_series in missed.items()}
+    errors = errors_in(Analytical(model), found.recordings, OBSERVER)
     return replace(model, errors={**model.errors,
                                   'after': {**model.errors['after'], OBSERVER: errors}})
 
