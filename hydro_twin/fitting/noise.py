@@ -18,7 +18,7 @@ from hydro_twin.recording.series import Series
 
 ENOUGH = 3000           # samples: they tell a standard deviation to 1.3 %
 # How much process noise moves the output over the start-up time, in measurement noises: less than
-# the first can hardly be told from none, more than the second from none on the measurement.
+# the first hardly differs from none, more than the second from none on the measurement.
 LEAST, MOST = 0.01, 1e4
 # Where the search looks for its start: measurement noises, in shares of that of second
 # differences, and ratios of process noise. Downhill from too little it leaps to far too much.

@@ -20,7 +20,7 @@ class Worker:
         Args:
             period: of the task [s].
             task: takes the time since it last ran [s].
-            failed: told of what a task or job raised; the thread goes on.
+            failed: called with what a task or job raised; the thread goes on.
         """
         self._period = period
         self._task = task
