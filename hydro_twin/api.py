@@ -8,6 +8,7 @@ from typing import Any, TYPE_CHECKING
 
 from hydro_twin.errors import UserError
 from hydro_twin.fitting import refit as fitting
+from hydro_twin.fitting.horizon import horizon_errors
 from hydro_twin.fitting.refit import Refit, Request
 from hydro_twin.model import load_predictor, Model, read_model
 from hydro_twin.plants import Plant, plant_named
@@ -69,11 +70,13 @@ class Replay:
         predictions: 'one_step', 'free_run' and, where the model knows its noise, 'observer' -> for
             each series an array of its length, in the output's unit; nan where there is no
             prediction, or it has diverged.
+        horizon: RMS error over a horizon, of an analytical model whose plant integrates.
     """
 
     plant: Plant
     recording: Recording
     predictions: Mapping[str, Sequence[FloatArray]]
+    horizon: float | None = None
 
     def summary(self) -> dict[str, Any]:
         """Return samples and errors, in the output's unit, as `replay --json` prints them."""
@@ -86,6 +89,8 @@ class Replay:
         for mode, predicted in self.predictions.items():
             error, measured = pooled(self.recording, self.plant, predicted, mode)
             result[mode] = {'rmse': rms(error), 'fit_percent': fit_percent(error, measured)}
+        if self.horizon is not None:
+            result['horizon'] = {'rmse': self.horizon}
         return {**result, 'persistence': {'rmse': persistence(self.recording, self.plant)}}
 
     def figure(self, name: str = 'model') -> Figure:
@@ -230,9 +235,10 @@ def replay(data: Data, model: Model | Predictor) -> Replay:
     """
     predictor = (model.at(data.recording.sample_time).predictor() if isinstance(model, Model)
                  else model)
+    horizon = horizon_errors(predictor.model, {'all': data.recording}).get('horizon', {})
     return Replay(data.plant, data.recording, {
         mode: predict(predictor, data.recording.series, mode)
-        for mode in modes_of(predictor.model)})
+        for mode in modes_of(predictor.model)}, horizon.get('all'))
 
 
 def _paths(given: Paths) -> list[Path]:

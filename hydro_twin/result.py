@@ -242,6 +242,7 @@ class TraceResult:
     Attributes:
         tested: the test part: the first third (3) of every series, its second sixth (6), or
             recordings of its own (0).
+        horizon: longest window [s] of the error over a horizon, where the plant integrates.
         before, after: the models without and with all that was found, with standard errors and
             with the errors that are reported.
         combinations: 'before' and 'after' -> of each of the plant's combinations the value and
@@ -250,7 +251,8 @@ class TraceResult:
         shapes: of each of these, what it adds at its port; of linear dynamics, the error over
             their first parameter.
         found: what no known effect explains, if a curve helps.
-        improvement: of the free run on the test part, from before to after.
+        improvement: of what is judged on the test part, from before to after: the free run, or,
+            where there is a horizon, the free runs over that.
         hidden: effects that the recording could not have shown.
         series: the errors by series, those left out where a run diverges.
         runs: of all series, those of the test part first.
@@ -263,6 +265,7 @@ class TraceResult:
     plant: Plant
     verdict: VerdictKind
     tested: int
+    horizon: float | None
     before: Model
     after: Model
     combinations: Mapping[str, tuple[Estimate, ...]]
@@ -283,6 +286,11 @@ class TraceResult:
     def model(self) -> Model:
         """The model with all that was found."""
         return self.after
+
+    @property
+    def judged(self) -> str:
+        """The error by which the models are judged: 'free_run', or 'horizon' if there is one."""
+        return 'free_run' if self.horizon is None else 'horizon'
 
     @property
     def changed(self) -> bool:

@@ -244,6 +244,7 @@ class ReportFile(Struct, kw_only=True):
     effects: tuple[ReportEffect, ...]
     found: dict[str, Any] | None
     ambiguous: tuple[tuple[str, ...], ...]
+    horizon_s: float | None
     before: Errors
     after: Errors
     improvement: dict[Literal['relative', 'low', 'high'], float]

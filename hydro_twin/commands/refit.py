@@ -138,6 +138,7 @@ def show(result: dict[str, Any], console: Console) -> None:
     from rich.table import Table
 
     from hydro_twin.fitting.physics import BIASED
+    from hydro_twin.predictors.scores import FIGURES
 
     if result['parameters']:
         table = Table('parameter', 'value', 'standard error', 'unit')
@@ -159,7 +160,7 @@ def show(result: dict[str, Any], console: Console) -> None:
         console.print(f'hidden layers: {", ".join(map(str, result["hidden"]))}; weight decay '
                       f'{result["decay"]:g}', highlight=False)
     table = Table(f'RMS error, {result["unit"]}', 'train', 'test')
-    for mode in ('one_step', 'observer', 'free_run'):
+    for mode in FIGURES:
         if mode not in result['train']:
             continue
         table.add_row(mode.replace('_', ' '),

@@ -131,15 +131,18 @@ def show(result: dict[str, Any], console: Console) -> None:
         return
     from rich.table import Table
 
+    from hydro_twin.predictors.scores import FIGURES
+
     unit = result['unit']
     console.print(f'{result["samples"]} samples in {result["series"]} series, '
                   f'{result["sample_time"]:g} s apart')
     table = Table('', f'RMS error, {unit}', 'fit, %')
-    for mode in ('one_step', 'observer', 'free_run'):
+    for mode in FIGURES:
         if mode not in result:
             continue
+        fit = result[mode].get('fit_percent')
         table.add_row(mode.replace('_', ' '), f'{result[mode]["rmse"]:.4g}',
-                      f'{result[mode]["fit_percent"]:.2f}')
+                      '' if fit is None else f'{fit:.2f}')
     table.add_row('persistence', f'{result["persistence"]["rmse"]:.4g}', '')
     console.print(table)
     if 'output' in result:

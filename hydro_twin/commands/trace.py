@@ -59,6 +59,8 @@ def show(result: dict[str, Any], console: Console) -> None:
     """Print the verdict, the effects, and the errors before and after."""
     from rich.table import Table
 
+    from hydro_twin.predictors.scores import FIGURES
+
     console.print(result['says'], style='bold')
     for effect in result['effects']:
         values = ', '.join(
@@ -68,7 +70,7 @@ def show(result: dict[str, Any], console: Console) -> None:
         console.print(f'{effect["id"]} at {effect["port"]}: {values} '
                       f'({"certain" if effect["certain"] else "not certain"})')
     table = Table('error (RMS)', 'before', 'after')
-    for kind in ('free_run', 'one_step', 'observer'):
+    for kind in FIGURES:
         if any(kind not in result[when] for when in ('before', 'after')):
             continue
         for part in ('train', 'test'):

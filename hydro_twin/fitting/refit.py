@@ -8,6 +8,7 @@ from typing import Any
 
 from hydro_twin.errors import UserError
 from hydro_twin.files import write_whole
+from hydro_twin.fitting.horizon import horizon_errors
 from hydro_twin.fitting.identifiability import Identifiability
 from hydro_twin.fitting.network import check_device, Job, make_problem, Problem, train_batch
 from hydro_twin.fitting.network_search import DECAYS, search, STRUCTURES
@@ -207,7 +208,8 @@ def refit(train: Recording, test: Recording, plant: Plant, constants: Mapping[st
         with show('estimating the noise', None):
             model = replace(model, noise=estimate_noise(model, train.series))
     predictor = fitted.predictor if fitted else make_predictor(model, Path())
-    errors = errors_of(predictor, {'train': train, 'test': test})
+    parts = {'train': train, 'test': test}
+    errors = errors_of(predictor, parts) | horizon_errors(model, parts)
     return Refit(replace(model, errors={'after': errors}), predictor,
                  fitted.weights if fitted else None, known, settings, bounds)
 

@@ -13,6 +13,8 @@ from hydro_twin.plants.equations import Equations, rates_at, rows_of
 
 FloatArray = npt.NDArray[np.float64]
 
+INTEGRATES = 1e-9       # of the largest pole: a smaller one is zero but for rounding
+
 # Parameters in their order, (P, d), real or complex; constants by name; sample time [s]
 # -> coefficients of y(k-1..k-n), then of u(k..k-n) of every input, (P, n + (n + 1) m).
 ClosedForm = Callable[[npt.NDArray[Any], Mapping[str, float], float], npt.NDArray[Any]]
@@ -167,6 +169,15 @@ class Plant:
     def order(self) -> int:
         """Number of states, which is the order of the difference equation."""
         return len(self.states)
+
+    @property
+    def integrates(self) -> bool:
+        """Whether the output keeps what the states once were: a pole at zero.
+
+        Then a long free run adds up what the laws miss, and what happened first weighs most.
+        """
+        poles = np.abs(np.linalg.eigvals(self.laws(self.constant_values() | self.middle()).A))
+        return bool(poles.min() < INTEGRATES * poles.max())
 
     def laws(self, values: Mapping[str, float]) -> Laws:
         """Write the equations as matrices.

@@ -2,7 +2,8 @@
 
 One step: the predictor's `one_step`, without the first order + 1 samples of each part, which only
 feed the regressors [B19]. Observer: the predictor's `observer`, on the same samples. Free run: the
-predictor's `free_run`, without the start-up of each series. Persistence: the last sample repeated,
+predictor's `free_run`, without the start-up of each series. Horizon: see
+`fitting.horizon`. Persistence: the last sample repeated,
 on the samples that one step is scored on.
 
 A part of a series is scored by index in the run over the whole series. So a part that begins in
@@ -25,6 +26,7 @@ if TYPE_CHECKING:
     from hydro_twin.predictors.predictor import Predictor
 
 Errors = dict[str, dict[str, float]]        # mode -> part -> RMS error, in the output's unit
+FIGURES = ('free_run', 'horizon', 'one_step', 'observer')       # in the order of tables
 
 
 def rms(error: FloatArray) -> float:

@@ -32,6 +32,7 @@ def summarise(result: TraceResult) -> dict[str, Any]:
         'effects': [_effect(effect, estimates[effect.index]) for effect in result.effects],
         'found': result.found and _found(result.found, estimates[-1]),
         'ambiguous': [list(group) for group in result.ambiguous],
+        'horizon_s': result.horizon,
         'before': result.before.errors['after'],
         'after': result.after.errors['after'],
         'improvement': {'relative': result.improvement.relative, 'low': result.improvement.low,
@@ -60,8 +61,10 @@ def summarise(result: TraceResult) -> dict[str, Any]:
 def sentence(result: TraceResult) -> str:
     """Say the verdict to a person, in one sentence."""
     unit = '' if result.plant.output.unit == '1' else f' {result.plant.output.unit}'
-    test = [model.errors['after']['free_run']['test'] for model in (result.before, result.after)]
-    falls = (f'the free-run error on data it was not fitted to falls from {_short(test[0])} to '
+    test = [model.errors['after'][result.judged]['test']
+            for model in (result.before, result.after)]
+    error = 'free-run error' if result.horizon is None else f'error over {result.horizon:g} s'
+    falls = (f'the {error} on data it was not fitted to falls from {_short(test[0])} to '
              f'{_short(test[1])}{unit}')
     if result.verdict == 'nothing_missing':
         return (f'Nothing is missing: the linear model leaves {_short(test[0])}{unit} on data it '

@@ -8,6 +8,7 @@ import numpy as np
 
 from hydro_twin.fitting.estimates import combination_estimates, fitted_model
 from hydro_twin.fitting.free_run import Fit
+from hydro_twin.fitting.horizon import HORIZON, horizon_errors
 from hydro_twin.fitting.noise import estimate_noise
 from hydro_twin.model import Model
 from hydro_twin.plants.plant import FloatArray
@@ -44,7 +45,9 @@ def result_of(found: Evidence) -> TraceResult:
     predicted = {'before': before,
                  'after': before if found.final is found.before else
                  _predictions(found.final, series)}
-    errors = {when: _errors(found, predicted[when]) for when in fits}
+    errors = {when: _errors(found, predicted[when])
+              | horizon_errors(fit.candidate.model(), found.recordings)
+              for when, fit in fits.items()}
     known = {when: fit.identifiability() for when, fit in fits.items()}
     models = {when: fitted_model(fit, known[when],
                                  {'before': errors['before'], 'after': errors[when]})
@@ -55,6 +58,7 @@ def result_of(found: Evidence) -> TraceResult:
     effects = named_effects(found)
     return TraceResult(
         plant=found.plant, verdict=verdict_of(found), tested=found.tested,
+        horizon=HORIZON if found.plant.integrates else None,
         before=models['before'], after=models['after'],
         combinations={when: combination_estimates(fits[when], known[when]) for when in fits},
         effects=effects,

@@ -27,8 +27,7 @@ class Evidence:
             them.
         fitted: what of the training parts was fitted: all, or stretches of a long recording.
         hidden: effects that the recording could not have shown, if the model fits.
-        improvement: of the free run as reported, on the test part, by what was named and by the
-            curve.
+        improvement: of what is judged, see `TraceResult`, by what was named and by the curve.
         held_out_error: RMS of the residual of `after` on the like of the test parts, but for
             their initial states.
         floor: estimated RMS of the noise.

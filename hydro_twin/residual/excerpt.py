@@ -9,19 +9,18 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
-from itertools import pairwise
 import math
 
 import numpy as np
 
 from hydro_twin.fitting.candidate import Candidate, least_samples, Part
 from hydro_twin.fitting.free_run import Fit
+from hydro_twin.fitting.horizon import horizon_windows, windows
 from hydro_twin.plants import Plant
 from hydro_twin.predictors.scores import rms
 
 ENOUGH = 8_000          # scored samples
 STRETCH = 1_500         # samples of a stretch, with those that only set the state
-HORIZON = 10.0          # [s] of a window where the plant integrates, see `integrates`
 AT_END = 0.05           # share of the travel at either end that counts as the end
 LEAST = 10              # samples between them that say how it moves
 FILLED = 0.8            # most that stretches cover, so that they need not keep step with a motion
@@ -46,11 +45,13 @@ def excerpt(parts: Sequence[Part], plant: Plant, sample_time: float, factor: int
     start_up = plant.start_samples(sample_time)
     least = least_samples(plant, factor * sample_time) * factor
     parts = [part for part in parts if len(part.measured) >= least]
-    if sum(len(part.measured) - start_up for part in parts) <= ENOUGH:
-        if not integrates(plant):
+    scored_at_all = sum(len(part.measured) - start_up for part in parts)
+    if scored_at_all <= factor * ENOUGH:
+        if not plant.integrates:
             return parts
-        longest = max(round(HORIZON / sample_time), least)
-        return [window for part in parts for window in windows(part, longest, least)]
+        if scored_at_all <= ENOUGH:
+            return horizon_windows(parts, plant, sample_time)
+        return [window for part in parts for window in windows(part, STRETCH, least)]
     enough, scored = factor * ENOUGH, STRETCH - factor * plant.start_samples(factor * sample_time)
     total = sum(len(part.measured) for part in parts)
     rng = np.random.default_rng(0)
@@ -64,23 +65,6 @@ def excerpt(parts: Sequence[Part], plant: Plant, sample_time: float, factor: int
             cut.append(Part(part.inputs[begin:begin + length],
                             part.measured[begin:begin + length], part.source))
     return cut[::max(1, len(cut) * scored // (2 * enough))]
-
-
-def integrates(plant: Plant) -> bool:
-    """Whether the output of a plant keeps what its states once were.
-
-    Then a long free run adds up what its laws miss, and what happened first weighs most.
-    """
-    poles = np.linalg.eigvals(plant.laws(plant.constant_values() | plant.middle()).A)
-    return bool(np.abs(poles).min() < 1e-9 * np.abs(poles).max())
-
-
-def windows(part: Part, longest: int, least: int) -> list[Part]:
-    """Cut a part into equal windows of at most `longest` samples, but of `least` at least."""
-    n = len(part.measured)
-    edges = np.linspace(0, n, min(math.ceil(n / longest), n // least) + 1).astype(int)
-    return [Part(part.inputs[a:b], part.measured[a:b], part.source, part.start)
-            for a, b in pairwise(edges)]
 
 
 def between_ends(parts: Sequence[Part]) -> list[Part]:

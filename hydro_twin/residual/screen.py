@@ -19,7 +19,6 @@ from hydro_twin.fitting.free_run import Fit
 from hydro_twin.fitting.parallel import in_processes
 from hydro_twin.plants import Plant, Port
 from hydro_twin.plants.plant import FloatArray
-from hydro_twin.residual.excerpt import integrates
 from hydro_twin.result import Hidden
 
 VISIBLE = 50.0          # ratio of an effect's energy to the noise variance at which it shows
@@ -74,7 +73,7 @@ def places(plant: Plant, taken: Sequence[Placed]) -> list[tuple[Effect, Port]]:
     hardly moves at the frequencies where they differ from a delay.
     """
     used = {(placed.effect, placed.port) for placed in taken}
-    slow = integrates(plant)
+    slow = plant.integrates
     return [(effect, port) for effect in EFFECTS for port in sites(effect, plant)
             if (effect, port) not in used
             and not (slow and effect.dynamic and effect.law is not None)]

@@ -30,7 +30,7 @@ from hydro_twin.fitting.unknowns import (
 from hydro_twin.fitting.whiteness import is_white
 from hydro_twin.plants.plant import FloatArray
 from hydro_twin.predictors.scores import rms
-from hydro_twin.residual.excerpt import between_ends, integrates
+from hydro_twin.residual.excerpt import between_ends
 from hydro_twin.residual.noise import autoregression, whiten
 from hydro_twin.residual.screen import places, Prospect, screen, spans
 
@@ -190,7 +190,7 @@ def linear_starts(candidate: Candidate, parts: Sequence[Part]) -> list[Candidate
     """
     plant = candidate.plant
     middle = {name: math.exp(0.5 * (low + high)) for name, (low, high) in usual(plant).items()}
-    fitted = [parts, between_ends(parts)] if integrates(plant) else [parts]
+    fitted = [parts, between_ends(parts)] if plant.integrates else [parts]
     by_one_step = [one_step_values(plant, some, candidate.values, candidate.sample_time)
                    for some in fitted if some]
     return [replace(candidate, values={**candidate.values, **values}, timing={})

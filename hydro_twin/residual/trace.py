@@ -8,6 +8,7 @@ import numpy as np
 
 from hydro_twin.fitting.candidate import Candidate, least_samples, Part, parts_of
 from hydro_twin.fitting.free_run import Fit, fit_linear
+from hydro_twin.fitting.horizon import errors_over_horizon
 from hydro_twin.fitting.whiteness import is_white
 from hydro_twin.model import Model
 from hydro_twin.plants import Plant
@@ -35,7 +36,7 @@ from hydro_twin.residual.curve import (
 )
 from hydro_twin.residual.evaluate import result_of
 from hydro_twin.residual.evidence import Evidence
-from hydro_twin.residual.excerpt import excerpt, harmless_factor, integrates, resampled, thin
+from hydro_twin.residual.excerpt import excerpt, harmless_factor, resampled, thin
 from hydro_twin.residual.limits import without_unreached
 from hydro_twin.residual.noise import bursts, lines, noise_floor
 from hydro_twin.residual.proof import improvement, proof, residuals
@@ -107,7 +108,7 @@ def _one_way(parts: tuple[Recording, Recording], plant: Plant) -> bool:
     As a cylinder that extends in the first third of a series and retracts in the rest: neither
     part can say of the other whether its laws are right.
     """
-    return integrates(plant) and (
+    return plant.integrates and (
         not parts[1].series
         or not moves_alike(*parts, plant.output.name, plant.start_up))
 
@@ -214,9 +215,13 @@ def _linear(plain: Candidate, parts: Sequence[Part], seed: int) -> Fit:
 
 
 def _gain(before: Fit, after: Fit, test: Recording, seed: int) -> Improvement:
-    """Compare the free runs that are reported, on held-out data."""
-    first, then = (errors_by_series(Analytical(fit.candidate.model()), test.series, 'free_run')
-                   for fit in (before, after))
+    """Compare the free runs on held-out data; over a horizon where the plant integrates."""
+    candidates = before.candidate, after.candidate
+    if before.candidate.plant.integrates:
+        first, then = (errors_over_horizon(candidate, test) for candidate in candidates)
+    else:
+        first, then = (errors_by_series(Analytical(candidate.model()), test.series, 'free_run')
+                       for candidate in candidates)
     return improvement(first, then, seed)
 
 
