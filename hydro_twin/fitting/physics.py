@@ -11,6 +11,7 @@ from hydro_twin.errors import UserError
 from hydro_twin.fitting.candidate import parts_of
 from hydro_twin.fitting.coefficients import coefficients_of
 from hydro_twin.fitting.free_run import fit_linear
+from hydro_twin.fitting.horizon import moving_windows
 from hydro_twin.fitting.identifiability import assess, Identifiability
 from hydro_twin.fitting.one_step import at_bound, Coefficients, least_squares, sensitivities
 from hydro_twin.fitting.regression import Regression, regression
@@ -27,6 +28,8 @@ GROUP = 'hydro_twin.methods'    # entry points: the studies' methods and those o
 BIASED = ('one-step fit with a residual that is not white: noise of the measured outputs among '
           'the regressors biases the values by an unknown amount, so none has a standard error; '
           'a least-squares fit of the free run is free of this bias')
+STANDING = ('the output stands at an end of its travel in {:.0%} of the samples, where a stop may '
+            'hold it: these were left out of the fit')
 
 # (one-step problem, coefficients of parameters, plant with a search box, seed) -> the best
 Search = Callable[[Regression, Coefficients, Plant, int], SearchResult]
@@ -115,12 +118,17 @@ def fit_physics(task: Task, method: str) -> Physics:
 
 def fit_free_run(task: Task) -> Physics:
     """Fit the output error by least squares."""
-    free = task.plant.holding(task.held)
-    fit = fit_linear(free, parts_of(task.train, free), {**task.constants, **task.held},
-                     task.train.sample_time, 'box', timing=False, seed=task.seed,
-                     effects=task.effects)
+    free, sample_time = task.plant.holding(task.held), task.train.sample_time
+    parts, left_out = parts_of(task.train, free), 0.0
+    if free.integrates:
+        parts, left_out = moving_windows(parts, free, sample_time)
+    fit = fit_linear(free, parts, {**task.constants, **task.held}, sample_time, 'box',
+                     timing=False, seed=task.seed, effects=task.effects)
     values = {p.name: fit.candidate.values[p.name] for p in free.parameters}
-    return _physics(task, free, values, fit.identifiability(), biased=False)
+    found = _physics(task, free, values, fit.identifiability(), biased=False)
+    if left_out:
+        found = replace(found, notes=(*found.notes, STANDING.format(left_out)))
+    return found
 
 
 def fit_one_step(task: Task, search: Search) -> Physics:

@@ -21,8 +21,6 @@ from hydro_twin.predictors.scores import rms
 
 ENOUGH = 8_000          # scored samples
 STRETCH = 1_500         # samples of a stretch, with those that only set the state
-AT_END = 0.05           # share of the travel at either end that counts as the end
-LEAST = 10              # samples between them that say how it moves
 FILLED = 0.8            # most that stretches cover, so that they need not keep step with a motion
 COARSEST = 8            # factor that leaves enough of a stretch to be scored
 HARMLESS = 0.01         # change of the output by thinning, as a share of the residual
@@ -65,19 +63,6 @@ def excerpt(parts: Sequence[Part], plant: Plant, sample_time: float, factor: int
             cut.append(Part(part.inputs[begin:begin + length],
                             part.measured[begin:begin + length], part.source))
     return cut[::max(1, len(cut) * scored // (2 * enough))]
-
-
-def between_ends(parts: Sequence[Part]) -> list[Part]:
-    """Cut out what lies between the ends of the travel of the output."""
-    low, high = np.quantile(np.concatenate([part.measured for part in parts]), [0.005, 0.995])
-    margin = AT_END * (high - low)
-    found = []
-    for part in parts:
-        inside = (part.measured > low + margin) & (part.measured < high - margin)
-        edges = np.flatnonzero(np.diff(inside, prepend=False, append=False))
-        found += [Part(part.inputs[a:b], part.measured[a:b], part.source, part.start)
-                  for a, b in zip(edges[::2], edges[1::2], strict=True) if b - a >= LEAST]
-    return found
 
 
 def thin(parts: Sequence[Part], plant: Plant, factor: int) -> list[Part]:

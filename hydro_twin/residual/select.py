@@ -19,6 +19,7 @@ from hydro_twin.effects import Placed
 from hydro_twin.fitting.candidate import Candidate, Part
 from hydro_twin.fitting.equation_error import one_step_values
 from hydro_twin.fitting.free_run import Fit, Problem, solve_all
+from hydro_twin.fitting.horizon import between_ends
 from hydro_twin.fitting.parallel import in_processes
 from hydro_twin.fitting.unknowns import (
     effect_unknowns,
@@ -30,7 +31,6 @@ from hydro_twin.fitting.unknowns import (
 from hydro_twin.fitting.whiteness import is_white
 from hydro_twin.plants.plant import FloatArray
 from hydro_twin.predictors.scores import rms
-from hydro_twin.residual.excerpt import between_ends
 from hydro_twin.residual.noise import autoregression, whiten
 from hydro_twin.residual.screen import places, Prospect, screen, spans
 

@@ -1,0 +1,113 @@
+"""The error over a horizon: free runs in windows, for plants whose long free runs drift.
+
+Where a plant integrates, a free run of a whole series adds up every small error of the laws. A
+window is as long as shows what the laws do, and begins at a state of its own: that with which the
+run fits the window best, as is usual where simulation models are compared.
+"""
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from itertools import pairwise
+import math
+
+import numpy as np
+
+from hydro_twin.errors import DataError
+from hydro_twin.fitting.candidate import Candidate, least_samples, Part, parts_of
+from hydro_twin.model import Model
+from hydro_twin.plants import Plant
+from hydro_twin.plants.plant import FloatArray
+from hydro_twin.predictors import kind_named
+from hydro_twin.predictors.scores import rms
+from hydro_twin.recording.series import Recording
+
+AT_END = 0.05           # share of the travel at either end that counts as the end
+LEAST = 10              # samples between them that say how it moves
+STANDS = 0.5            # least share at the ends from which a recording mostly stands there
+HORIZON = 10.0          # [s], longest window: some strokes of a cylinder, few of a slow one
+
+
+def windows(part: Part, longest: int, least: int) -> list[Part]:
+    """Cut a part into equal windows of at most `longest` samples, but of `least` at least."""
+    n = len(part.measured)
+    edges = np.linspace(0, n, min(math.ceil(n / longest), n // least) + 1).astype(int)
+    return [Part(part.inputs[a:b], part.measured[a:b], part.source, part.start)
+            for a, b in pairwise(edges)]
+
+
+def horizon_windows(parts: Sequence[Part], plant: Plant, sample_time: float) -> list[Part]:
+    """Cut parts into windows of at most `HORIZON`.
+
+    Args:
+        parts: each of `least_samples` or more.
+        plant: the plant.
+        sample_time: of the parts [s].
+    """
+    least = least_samples(plant, sample_time)
+    longest = max(round(HORIZON / sample_time), least)
+    return [window for part in parts for window in windows(part, longest, least)]
+
+
+def between_ends(parts: Sequence[Part]) -> list[Part]:
+    """Cut out what lies between the ends of the travel of the output."""
+    low, high = np.quantile(np.concatenate([part.measured for part in parts]), [0.005, 0.995])
+    margin = AT_END * (high - low)
+    found = []
+    for part in parts:
+        inside = (part.measured > low + margin) & (part.measured < high - margin)
+        edges = np.flatnonzero(np.diff(inside, prepend=False, append=False))
+        found += [Part(part.inputs[a:b], part.measured[a:b], part.source, part.start)
+                  for a, b in zip(edges[::2], edges[1::2], strict=True) if b - a >= LEAST]
+    return found
+
+
+def moving_windows(parts: Sequence[Part], plant: Plant, sample_time: float
+                   ) -> tuple[list[Part], float]:
+    """Cut the windows that linear laws are fitted to, without standing at a stop.
+
+    Laws that know no stop would be led to a gain of zero by a recording that mostly stands at one.
+
+    Args:
+        parts: each of `least_samples` or more.
+        plant: the plant.
+        sample_time: of the parts [s].
+
+    Returns:
+        Windows, and the share of the samples that are left out because the output is at an end of
+        its travel: 0 unless that is most of them.
+    """
+    least = least_samples(plant, sample_time)
+    moving = [part for part in between_ends(parts) if len(part.measured) >= least]
+    kept = (sum(len(part.measured) for part in moving)
+            / sum(len(part.measured) for part in parts))
+    if not 0.0 < kept < STANDS:
+        moving, kept = list(parts), 1.0
+    return horizon_windows(moving, plant, sample_time), 1.0 - kept
+
+
+def errors_over_horizon(candidate: Candidate, recording: Recording) -> list[FloatArray]:
+    """Return measured less predicted over each window, scored samples only.
+
+    Raises:
+        DataError: no series is long enough.
+    """
+    parts = parts_of(recording, candidate.plant)
+    return candidate.fitted_residuals(
+        horizon_windows(parts, candidate.plant, candidate.sample_time))
+
+
+def horizon_errors(model: Model, parts: Mapping[str, Recording]) -> dict[str, dict[str, float]]:
+    """Score a model over a horizon on named parts, as 'train' and 'test'.
+
+    Returns:
+        {'horizon': part -> RMS error}; nothing of a plant that does not integrate or a model that
+        is not analytical, nor where a part has no series that is long enough, or stands still.
+    """
+    if not (model.plant.integrates and kind_named(model.kind).analytical):
+        return {}
+    candidate = Candidate.of(model)
+    try:
+        return {'horizon': {name: rms(np.concatenate(errors_over_horizon(candidate, part)))
+                            for name, part in parts.items()}}
+    except DataError:
+        return {}
