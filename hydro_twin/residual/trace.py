@@ -8,7 +8,7 @@ import numpy as np
 
 from hydro_twin.fitting.candidate import Candidate, least_samples, Part, parts_of
 from hydro_twin.fitting.free_run import Fit, fit_linear
-from hydro_twin.fitting.horizon import errors_over_horizon, moving_windows
+from hydro_twin.fitting.horizon import errors_over_horizon
 from hydro_twin.fitting.whiteness import is_white
 from hydro_twin.model import Model
 from hydro_twin.plants import Plant
@@ -124,11 +124,9 @@ def _search(train: Recording, test: Recording, plant: Plant,
     progress('linear model')
     plain = None
     if model is None:
-        some = whole if recorded <= AT_LAST else fine
-        if plant.integrates:
-            some = moving_windows(some, plant, sample_time)[0]
-        plain = fit_linear(plant, some, plant.constant_values(constants), sample_time, 'box',
-                           timing=False, seed=seed).candidate
+        plain = fit_linear(plant, whole if recorded <= AT_LAST else fine,
+                           plant.constant_values(constants), sample_time, 'box', timing=False,
+                           seed=seed).candidate
         before = _linear(plain, fine, seed)
     else:
         before = search(resampled(Candidate.of(model), sample_time), fine, 1)
