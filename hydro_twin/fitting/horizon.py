@@ -1,8 +1,8 @@
 """The error over a horizon: free runs in windows, for plants whose long free runs drift.
 
 Where a plant integrates, a free run of a whole series adds up every small error of the laws. A
-window is as long as shows what the laws do, and begins at a state of its own: that with which the
-run fits the window best, as is usual where simulation models are compared.
+window is as long as shows what the laws do, and begins at a state of its own, estimated from its
+samples as `without_start` says.
 """
 from __future__ import annotations
 

@@ -7,7 +7,6 @@ from typing import Any
 from jinja2 import Environment, PackageLoader, StrictUndefined
 
 from hydro_twin.model import Estimate
-from hydro_twin.predictors.scores import FIGURES
 from hydro_twin.report.chart import AFTER, BEFORE, Illustration, plain
 from hydro_twin.result import CLOSE, NEAR, TraceResult
 
@@ -35,7 +34,7 @@ def page(result: TraceResult, summary: Mapping[str, Any], provenance: Mapping[st
                     if all(part in row['before']['free_run'] for row in summary['series'])]
     return environment.get_template('trace_page.html').render(
         plant=result.plant, unit='' if unit == '1' else unit, named=bool(result.effects),
-        changed=result.changed, judged=result.judged, figures=FIGURES,
+        changed=result.changed, judged=result.judged,
         summary={**summary, 'effects': _effects(result, summary)},
         parameters=parameter_rows(result, summary['parameters']),
         provenance=provenance, illustrations=illustrations, series_parts=series_parts,

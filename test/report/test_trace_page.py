@@ -92,8 +92,10 @@ def test_begins_with_the_verdict_and_the_two_numbers(case):
     assert summary['verdict'] == ('effect_found' if found else 'unexplained')
     _, said = read(text)
     begin = said[said.index(summary['says']):][:len(summary['says']) + 100]
-    assert short(summary['before']['free_run']['test']) in begin
-    assert short(summary['after']['free_run']['test']) in begin
+    judged = 'free_run' if summary['horizon_s'] is None else 'horizon'
+    assert (judged == 'horizon') == (summary['plant'] in ('cylinder', 'positioning'))
+    assert short(summary['before'][judged]['test']) in begin
+    assert short(summary['after'][judged]['test']) in begin
 
 
 def test_says_where_it_comes_from_and_escapes_it(case):

@@ -31,6 +31,14 @@ def test_what_is_short_is_kept_whole():
     assert excerpt(parts, PLANT, DT) == parts
 
 
+def test_what_can_be_thinned_enough_is_kept_whole():
+    whole = [part(30_000, 'a')]
+    assert excerpt(whole, PLANT, DT, 4) == whole
+    cut = excerpt(whole, plant_named('cylinder'), DT, 4)
+    assert [len(p.measured) for p in cut] == [STRETCH] * 20
+    np.testing.assert_array_equal(np.concatenate([p.measured for p in cut]), np.arange(30_000))
+
+
 def test_a_plant_that_integrates_is_cut_into_windows():
     plant, sample_time = plant_named('cylinder'), 0.05
     cut = excerpt([part(1000, 'a'), part(250, 'b'), part(90, 'c')], plant, sample_time)
@@ -60,7 +68,7 @@ def test_enough_is_kept_from_begin_to_end(lengths):
 
 @pytest.mark.parametrize('factor', [2, 8])
 def test_what_will_be_thinned_may_be_more_and_does_not_overlap(factor):
-    cut = excerpt([part(30_000, '0')], PLANT, DT, factor)
+    cut = excerpt([part(100_000, '0')], PLANT, DT, factor)
     scored = sum(len(p.measured) // factor - PLANT.start_samples(factor * DT) for p in cut)
     assert 1.5 * ENOUGH / factor < scored <= 1.1 * ENOUGH
     assert all(len(p.measured) == STRETCH for p in cut)
