@@ -1,4 +1,4 @@
-"""Where the predictions of one twin go."""
+"""Where the predictions of one twin go, and the states that its observer estimates."""
 from __future__ import annotations
 
 from collections.abc import Callable
@@ -13,13 +13,18 @@ Publish = Callable[[bytes], object]
 class Outlet:
     """Steps a twin and publishes what it can stand behind; its twin may be exchanged."""
 
-    def __init__(self, twin: Twin, prediction: Publish, residual: Publish) -> None:
+    def __init__(self, twin: Twin, prediction: Publish, residual: Publish, states: Publish
+                 ) -> None:
         """Publish serialised JointStates."""
         self.twin = twin
-        output = twin.predictor.plant.output
-        self._writer = Writer(output.name, output.unit)
+        self.states_wanted = False      # by a subscriber: nobody else needs the work
+        plant = twin.predictor.plant
+        self._writer = Writer([plant.output.name], plant.output.unit)
+        self._states_writer = Writer(
+            [*plant.states, *(f'{name}_std' for name in plant.states)], '')
         self._prediction = prediction
         self._residual = residual
+        self._states = states
         self._next: Twin | None = None
         self._left = 0   # steps that it has to start up
 
@@ -44,6 +49,8 @@ class Outlet:
             self._prediction(self._writer.write(stamp, prediction))
             if twin.residual == twin.residual:
                 self._residual(self._writer.write(stamp, twin.residual))
+            if self.states_wanted and (estimate := twin.estimate) is not None:
+                self._states(self._states_writer.write(stamp, *estimate.ravel()))
 
     def _start_up(self, twin: Twin, stamp: int, inputs: FloatArray, measured: float) -> None:
         """Step the twin that is to take over, until its next step is a prediction."""

@@ -55,9 +55,18 @@ class Twin:
 
     def reset(self) -> None:
         """Begin a run: the next sample is its first."""
-        self._step = self.predictor.stepper(self.mode).step
+        self._stepper = self.predictor.stepper(self.mode)
+        self._step = self._stepper.step
         self._running = False
         self._count = 0
+
+    @property
+    def estimate(self) -> FloatArray | None:
+        """The plant's states at the last sample and their standard deviations, (2, n), SI units.
+
+        None of a mode that does not estimate them.
+        """
+        return getattr(self._stepper, 'estimate', None)
 
     def warm_up(self) -> None:
         """Step until a prediction comes, so that all is compiled before the first sample."""

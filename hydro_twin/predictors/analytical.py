@@ -148,7 +148,7 @@ class Observed(FreeRun):
         self.filter = (observer.system.step, observer.tangent, observer.filter, observer.scratch())
         self.measured = np.empty(len(self.inputs))
         self.results = np.empty((len(self.inputs), 2))
-        self.states = np.empty((0, 2, len(self.x)))
+        self.states = np.empty((len(self.inputs), 2, len(self.x)))
 
     def step(self, inputs: FloatArray, measured: float) -> float:
         """Predict the output of the next sample; see `Stepper`."""
@@ -157,6 +157,12 @@ class Observed(FreeRun):
         self.run(*self.filter, self.x, self.z, self.inputs, self.measured, self.k, self.k + 1,
                  self.results, self.states)
         return float(self.results[self.k, 0])
+
+    @property
+    def estimate(self) -> FloatArray:
+        """The states at the last sample and their standard deviations, (2, n)."""
+        estimate: FloatArray = self.states[self.k]
+        return estimate
 
 
 class OneStep:

@@ -359,6 +359,7 @@ class TwinNode(LifecycleNode):
         if self.get_parameter('use_sim_time').value and now.nanoseconds > self._diagnosed:
             elapsed = (now.nanoseconds - self._diagnosed) * 1e-9   # the bag's time
         self._diagnosed = now.nanoseconds
+        self._topics.note_subscribers()
         for twin in diagnosis.twins:
             if twin.monitor is not None and (rise := twin.monitor.judge()) is not None:
                 self._announcer.event(

@@ -48,6 +48,7 @@ class Topics:
         self._given: dict[str, str] = {}   # resolved name -> as it was given
         self._inputs: dict[str, Subscription] = {}
         self._outputs: list[LifecyclePublisher] = []
+        self._states: list[tuple[Outlet, LifecyclePublisher]] = []
 
     def resolved(self, signals: Mapping[str, SignalMap]) -> dict[str, SignalMap]:
         """Check where signals are to be found, and name their topics as they are subscribed to.
@@ -90,9 +91,16 @@ class Topics:
             UserError: a QoS override is wrong.
         """
         prefix = f'~/{twin.name}/' if twin.name else '~/'
-        prediction, residual = (self._output(f'{prefix}{topic}')
-                                for topic in ('prediction', 'residual'))
-        return Outlet(twin, prediction.publish, residual.publish)
+        prediction, residual, states = (self._output(f'{prefix}{topic}')
+                                        for topic in ('prediction', 'residual', 'states'))
+        outlet = Outlet(twin, prediction.publish, residual.publish, states.publish)
+        self._states.append((outlet, states))
+        return outlet
+
+    def note_subscribers(self) -> None:
+        """See for which twins somebody listens to the states."""
+        for outlet, publisher in list(self._states):
+            outlet.states_wanted = publisher.get_subscription_count() > 0
 
     def _output(self, topic: str) -> Any:
         with blamed(self._node.resolve_topic_name(topic)):
@@ -113,6 +121,7 @@ class Topics:
     def close(self) -> None:
         """Unsubscribe, and publish no more."""
         self.stop_listening()
+        self._states.clear()
         while self._outputs:
             self._node.destroy_lifecycle_publisher(self._outputs.pop())
         self._given.clear()

@@ -186,18 +186,26 @@ def test_bytes_after_the_end_do_not_matter() -> None:
     assert Reader([signal]).read(payload + b'some more') == (START, [3.0])
 
 
+def ignore(payload: bytes) -> None:
+    """Publish on a topic that a test does not look at."""
+
+
 def test_the_writer_writes_what_the_reader_reads() -> None:
     for unit, field in (('N m', 'effort'), ('m', 'position'), ('rad/s', 'velocity')):
-        payload = Writer('T_g', unit).write(START, 1.25)
+        payload = Writer(['T_g'], unit).write(START, 1.25)
         signal = SignalMap('/a', 'sensor_msgs/msg/JointState', f'{field}[T_g]')
         assert Reader([signal]).read(payload) == (START, [1.25])
+    payload = Writer(['v', 'v_std'], '').write(START, 1.5, 0.25)
+    both = [SignalMap('/a', 'sensor_msgs/msg/JointState', f'position[{name}]')
+            for name in ('v', 'v_std')]
+    assert Reader(both).read(payload) == (START, [1.5, 0.25])
 
 
 def test_a_twin_that_diverges_is_reset_and_publishes_nothing() -> None:
     echo = Echo(model(), gain=100.0)
     twin = Twin('', echo, 'free_run')
     sent: list[bytes] = []
-    outlet = Outlet(twin, sent.append, lambda payload: None)
+    outlet = Outlet(twin, sent.append, ignore, ignore)
     for k in range(100):
         outlet.step(k * STEP, [0.0, 0.0], 1.0)   # type: ignore[arg-type]
     read = Reader([SignalMap('/a', 'sensor_msgs/msg/JointState', 'effort[0]')]).read
@@ -210,7 +218,7 @@ def test_a_missing_measurement_leaves_no_residual() -> None:
     twin = Twin('', Echo(model()), 'one_step')
     residuals: list[bytes] = []
     predictions: list[bytes] = []
-    outlet = Outlet(twin, predictions.append, residuals.append)
+    outlet = Outlet(twin, predictions.append, residuals.append, ignore)
     for measured in (1.0, 1.0, math.nan):
         outlet.step(0, [0.0, 0.0], measured)   # type: ignore[arg-type]
     assert (len(predictions), len(residuals)) == (2, 1)
@@ -219,7 +227,7 @@ def test_a_missing_measurement_leaves_no_residual() -> None:
 def test_a_twin_that_takes_over_costs_no_prediction() -> None:
     """It is published once it predicts; what it starts with is made by the one before."""
     sent: list[bytes] = []
-    outlet = Outlet(Twin('', Echo(model()), 'one_step'), sent.append, lambda payload: None)
+    outlet = Outlet(Twin('', Echo(model()), 'one_step'), sent.append, ignore, ignore)
     for k in range(20):
         if k == 10:
             outlet.exchange(Twin('', Echo(model(), gain=2.0), 'one_step'))

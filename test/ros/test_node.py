@@ -23,6 +23,7 @@ from ros_rig import (  # noqa: E402
     ended,
     INPUTS,
     lossless,
+    OUTPUTS,
     PATIENCE,
     play,
     process,
@@ -36,6 +37,7 @@ from std_srvs.srv import Trigger  # noqa: E402
 
 from hydro_twin.model import Estimate, load_predictor, Model, Noise, write_model  # noqa: E402
 from hydro_twin.plants import plant_named  # noqa: E402
+from hydro_twin.predictors.analytical import Analytical  # noqa: E402
 from hydro_twin.recording.read import read_recording  # noqa: E402
 from hydro_twin.recording.series import Series  # noqa: E402
 from hydro_twin.recording.signals import load_signals  # noqa: E402
@@ -105,6 +107,28 @@ def test_live_is_replay_to_the_last_digit(rig: Rig, bag: Path, model: Path, mode
     assert [stamp_of(m) for m in predictions] == list(expected)
     assert [m.effort[0] for m in predictions] == [y for y, _ in expected.values()]
     assert [m.effort[0] for m in residuals] == [e for _, e in expected.values()]
+
+
+def test_the_observer_publishes_the_states_that_nobody_measures(rig: Rig, bag: Path, model: Path
+                                                                ) -> None:
+    states = rig.listen('/hydro_twin/states', JointState)
+    predictor = load_predictor(model)
+    recording = read_recording([bag], load_signals('load_simulator', NAMES), ['u_m'], 0.002)
+    expected = {}
+    for series in recording.series:
+        _, estimates = Analytical(predictor.model).filter.run(
+            np.column_stack([series[name] for name in ('u_m', 'theta_d')]), series['T_g'], True)
+        expected |= {series.start + k * STEP: estimate.ravel().tolist()
+                     for k, estimate in enumerate(estimates)}
+    with twin(model=model, mode='observer', **lossless(outputs=[*OUTPUTS, '/hydro_twin/states'])):
+        rig.ready()
+        play(bag)
+        rig.until(lambda: len(states) >= len(expected), 'all is estimated')
+    assert [stamp_of(m) for m in states] == list(expected)
+    names = ['x_v', 'p_L', 'omega_j', 'theta_j']
+    assert states[0].name == [*names, *(f'{name}_std' for name in names)]
+    assert [m.position.tolist() for m in states] == list(expected.values())
+    assert all(deviation > 0.0 for m in states for deviation in m.position[4:])
 
 
 def set_parameter(rig: Rig, name: str, value: object) -> Any:
