@@ -321,6 +321,13 @@ def _is_refined(fit: Fit, index: int) -> bool:
                for p, v in zip(placed.effect.parameters, placed.values, strict=True))
 
 
+def unrefined(placed: Placed) -> Placed:
+    """Return an effect in its simple form, without any refinement."""
+    return replace(placed, values=tuple(
+        v if p.refinement is None else p.refinement
+        for p, v in zip(placed.effect.parameters, placed.values, strict=True)))
+
+
 def _forms(fit: Fit, parts: Sequence[Part], index: int) -> list[Candidate]:
     """List other forms of an effect: the simple law, unless it is that, then refined ones."""
     placed = fit.candidate.effects[index]
@@ -332,8 +339,7 @@ def _forms(fit: Fit, parts: Sequence[Part], index: int) -> list[Candidate]:
         effects[index] = replace(placed, values=tuple(values))
         return replace(fit.candidate, effects=tuple(effects))
 
-    plain = tuple(v if p.refinement is None else p.refinement
-                  for p, v in zip(placed.effect.parameters, placed.values, strict=True))
+    plain = unrefined(placed).values
     reach = spans(fit.candidate, parts)[placed.port]
     simplest = [plain] if _is_refined(fit, index) else []
     return [form(values) for values in (*simplest, *placed.effect.refined(reach, placed.values))]

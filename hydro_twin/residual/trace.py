@@ -41,7 +41,15 @@ from hydro_twin.residual.limits import without_unreached
 from hydro_twin.residual.noise import bursts, lines, noise_floor
 from hydro_twin.residual.proof import improvement, proof, residuals
 from hydro_twin.residual.screen import hidden
-from hydro_twin.residual.select import by_part, CLEARLY, criterion, fit_alternatives, search
+from hydro_twin.residual.select import (
+    by_part,
+    CLEARLY,
+    criterion,
+    fit_alternatives,
+    search,
+    search_all,
+    unrefined,
+)
 from hydro_twin.residual.structure import (
     dependences,
     drift,
@@ -291,6 +299,16 @@ def _on_all(found: FittedCurve, after: Fit, sample_time: float, parts: Sequence[
 
 
 def _as_recorded(fit: Fit, sample_time: float, parts: Sequence[Part]) -> Fit:
-    """Fit a model that was found on thinned samples to all samples."""
-    fine = search(resampled(fit.candidate, sample_time), parts, 20)
+    """Fit a model that was found on thinned samples to all samples.
+
+    Refinements of its effects, which may have made up for the thinning, must help again.
+    """
+    candidate = resampled(fit.candidate, sample_time)
+    simple = replace(candidate, effects=tuple(map(unrefined, candidate.effects)))
+    if simple.effects == candidate.effects:
+        fine = search(candidate, parts, 20)
+    else:
+        refined, fine = search_all([candidate, simple], parts, 20)
+        scores = criterion([refined, fine])
+        fine = refined if scores[0] < scores[1] - CLEARLY else fine
     return finely(fine, parts, FINEST) if fine.candidate.effects else fine
