@@ -14,7 +14,7 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 import math
 
-SHARES = tuple(0.02 * 1.25 ** k for k in range(18)) + (0.95,)   # 0.02 to 0.89, and 0.95
+SHARES = (*(0.02 * 1.25 ** k for k in range(18)), 0.95)   # 0.02 to 0.89, and 0.95
 
 
 @dataclass

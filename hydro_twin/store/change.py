@@ -142,10 +142,8 @@ def _sentence(moved: tuple[Moved, ...], appeared: tuple[str, ...], gone: tuple[s
 
 def _moved(move: Moved) -> str:
     before, after = move.before.value, move.after.value
-    if before * after < 0.0:
-        verb = 'changed'
-    else:
-        verb = 'grew' if abs(after) > abs(before) else 'fell'
+    verb = 'grew' if abs(after) > abs(before) else 'fell'
+    verb = 'changed' if before * after < 0.0 else verb
     scale, unit = _scale(max(abs(before), abs(after)), move.after.unit)
     return f'{move.what} {verb} from {before / scale:.3g} to {after / scale:.3g} {unit}'.rstrip()
 

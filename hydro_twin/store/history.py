@@ -8,17 +8,7 @@ from typing import Any
 
 from hydro_twin.errors import ModelError
 from hydro_twin.store.change import effect_values, parameters, Value
-from hydro_twin.store.store import (
-    ALIASES,
-    DISCARDED,
-    ENTERED,
-    INTERRUPTED,
-    PROMOTED,
-    RECOMMENDED,
-    ROLLED_BACK,
-    Store,
-    Version,
-)
+from hydro_twin.store.store import ALIASES, ROLLED_BACK, Store, Version
 
 DAY = 86400.0     # [s]
 
@@ -81,9 +71,7 @@ def rows(store: Store) -> list[Row]:
 def verdict(version: Version) -> str:
     """Say the last decision on a version in a few words."""
     last = version.decisions[-1]
-    said = {ENTERED: 'entered', RECOMMENDED: 'recommended', PROMOTED: 'promoted',
-            DISCARDED: 'discarded', ROLLED_BACK: f'rolled back to {last.get("to")}',
-            INTERRUPTED: 'not moved'}.get(last['what'], str(last['what']))
+    said = f'rolled back to {last["to"]}' if last['what'] == ROLLED_BACK else str(last['what'])
     evidence = last.get('evidence') or {}
     shown = f', evidence {evidence["e_value"]:.3g}' if 'e_value' in evidence else ''
     why = f' ({last["why"]})' if last.get('why') else ''

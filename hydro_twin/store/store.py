@@ -35,7 +35,8 @@ MODELS, CAPTURES = 'models', 'captures'
 MODEL, DECISION = 'model.yaml', 'decision.json'
 REPORTS = ('report.json', 'report.html')
 ENTERED, PROMOTED, DISCARDED = 'entered', 'promoted', 'discarded'
-RECOMMENDED, ROLLED_BACK, INTERRUPTED = 'recommended', 'rolled back', 'interrupted'
+CONFIRMED, RECOMMENDED = 'confirmed', 'recommended'
+ROLLED_BACK, INTERRUPTED = 'rolled back', 'interrupted'
 MOVES = (PROMOTED, ROLLED_BACK)      # decisions after which the champion is another version
 LEFT = re.compile(r'\..+\.\d+')       # what `written_whole` and `enter` write aside: .NAME.PID
 
@@ -125,8 +126,7 @@ class Store:
         found = self.alias(name) if name in ALIASES else None
         wanted = found or (f'{int(name):04d}' if name.isdecimal() else name)
         folder = self.path / MODELS / wanted
-        if name in ALIASES and not found or not re.fullmatch(r'\d{4,}', wanted) \
-                or not folder.is_dir():
+        if not re.fullmatch(r'\d{4,}', wanted) or not folder.is_dir():
             there = ', '.join(one.name for one in self.versions()) or 'none'
             raise StoreError(f'{self.path}: no version {name}; there are: {there}')
         return self._read(folder)

@@ -24,9 +24,13 @@ def write_for_ever(store, model, seed):
     while True:
         name = store.enter(model, 'the writer', as_challenger=rng.random() < 0.5).name
         with suppress(StoreError):
-            rng.choice([lambda: store.promote(name, 'the writer'),
-                        lambda: store.decide(name, 'discarded', 'the writer'),
-                        lambda: store.roll_back('the writer')])()
+            match rng.randrange(3):
+                case 0:
+                    store.promote(name, 'the writer')
+                case 1:
+                    store.decide(name, 'discarded', 'the writer')
+                case _:
+                    store.roll_back('the writer')
 
 
 def main(folder, model, kills):

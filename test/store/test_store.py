@@ -1,4 +1,5 @@
 """The store: whole after any kill, aliases, descent, and its verbs."""
+from itertools import pairwise
 import json
 from pathlib import Path
 import re
@@ -24,7 +25,7 @@ def test_a_store_reads_whole_after_kills_at_random_moments(tmp_path):
     assert done.returncode == 0, done.stderr
     read = [json.loads(line) for line in done.stdout.splitlines()]
     assert len(read) == 15
-    for (names, _), (later, _) in zip(read, read[1:], strict=False):
+    for (names, _), (later, _) in pairwise(read):
         assert later[:len(names)] == names        # nothing that was there is lost
     store = Store.opened(tmp_path / 'store')
     assert len(store.versions()) == len(read[-1][0]) > 10
