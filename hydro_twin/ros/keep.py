@@ -95,8 +95,10 @@ class KeepNode(Node):
         self._event.publish(String(data=json.dumps({'event': event, **about})))
         told = {'failed', 'fault', 'discarded', 'rolled_back', 'worse'}
         said = ', '.join(f'{key} {value}' for key, value in about.items() if key != 'evidence')
-        log = self.get_logger()
-        (log.warning if event in told else log.info)(f'{event}: {said}')
+        if event in told:     # rclpy remembers the severity of a line of code
+            self.get_logger().warning(f'{event}: {said}')
+        else:
+            self.get_logger().info(f'{event}: {said}')
 
     def _guarded(self, function: Callable[..., object], *arguments: Any) -> None:
         """Call what must not end the node, whatever it raises."""
