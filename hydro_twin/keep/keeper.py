@@ -42,6 +42,8 @@ class Keeper:
         waiting: captures that are to be traced.
         times: at which steady time which stamp was the newest [ns].
         fault: what went wrong last, on one line; '' after a success.
+        troubles: what goes wrong now, a line each.
+        champion, challenger: as the store had them last.
     """
 
     def __init__(self, store: Store, get: Callable[[str], Any],
@@ -66,7 +68,9 @@ class Keeper:
         self.waiting: deque[Captured] = deque(untraced(self.captures))
         self.times: deque[tuple[int, int]] = deque()    # steady time, stamp
         self.fault = ''
+        self.troubles: list[str] = []
         self.champion: Version | None = None
+        self.challenger: Version | None = None
         self._wanted = ''                  # SHA-256 of the champion's file
         self._asked: int | None = None     # when the twin was last asked to run it [ns]
         self._refused = ''                 # the version that it refused
@@ -86,7 +90,7 @@ class Keeper:
             return     # of one that runs beside the champion
         settled, since = event.get('settled'), None
         if isinstance(settled, int):     # what was before would blur what it has become
-            since = next((then for then, stamp in self.times if stamp >= settled), None)
+            since = next((then for then, stamp in self.times if stamp >= settled), now)
         self._standing = now
         self.ask(now, f'refit: the residual is {event.get("rms", 0.0):.4g}, promised '
                       f'{event.get("promised", 0.0):.4g}', since)
@@ -144,15 +148,21 @@ class Keeper:
     # What is done, once a second or so
 
     def tick(self, now: int) -> None:
-        """Do what is due; steady time in ns. What goes wrong is in `fault`, nothing is raised."""
+        """Do what is due; steady time in ns. What goes wrong is in `troubles`, not raised."""
+        troubles: list[str] = []
         for step in (self.jobs.poll, partial(self._settle, now), partial(self._capture, now),
                      partial(self._follow, now), self._trace,
                      lambda: self.judge.work(self.mode), partial(self._again, now)):
             try:
                 step()
             except Exception as error:
-                self._fail(f'{error}' if isinstance(error, UserError | OSError) else
-                           f'a defect: {type(error).__name__}: {error}')
+                said = (f'{error}' if isinstance(error, UserError | OSError) else
+                        f'a defect: {type(error).__name__}: {error}')
+                troubles.append(' '.join(said.split()))
+        for said in troubles:
+            if said not in self.troubles:
+                self.announce('fault', says=said)
+        self.troubles = troubles
 
     def _settle(self, now: int) -> None:
         """Take note of the champion; an empty store begins with what the twin runs."""
@@ -160,15 +170,21 @@ class Keeper:
         self.ring.seconds, self.ring.most = self.get('before'), round(self.get('ring') * MIB)
         champion = self.store.champion
         if champion is None and self.runs is not None:
-            path = Path(self.runs['path']).absolute()
-            if source_of(path).sha256 != self.runs['sha256']:
-                raise UserError(f'{path}: not the model that the twin runs any more')
-            entered = self.store.enter(path, f'{BY}: the twin ran it')
-            champion = self.store.promote(entered.name, BY)
+            champion = self.store.promote(self._entered(self.runs).name, BY)
         if champion is not None and self.judge.notice(champion):
             self._wanted = source_of(champion.model_file).sha256
             self._asked = None
-        self.champion = champion
+        self.champion, self.challenger = champion, self.store.challenger
+
+    def _entered(self, runs: Mapping[str, Any]) -> Version:
+        """Enter the model that the twin runs, if no version is this model."""
+        for version in self.store.versions():
+            if source_of(version.model_file).sha256 == runs['sha256']:
+                return version
+        path = Path(runs['path']).absolute()
+        if source_of(path).sha256 != runs['sha256']:
+            raise UserError(f'{path}: not the model that the twin runs any more')
+        return self.store.enter(path, f'{BY}: the twin ran it')
 
     def _capture(self, now: int) -> None:
         if self.jobs.busy('write') or (taken := self.capture.take(now)) is None:
@@ -268,23 +284,24 @@ class Keeper:
         doing += ['tracing'] if self.jobs.busy('trace') else []
         doing += [f'{len(self.waiting)} captures to trace'] if self.waiting else []
         doing += [said] if (said := self.judge.says()) else []
-        challenger = self.store.challenger
+        challenger = self.challenger
         if challenger is not None and not self.judge.tries:
             doing.append(f'challenger {challenger.name} waits to be promoted: '
                          f'{challenger.record["changed"]}')
         runs = self.runs
-        faults = [self.fault] if self.fault else []
+        faults = [*filter(None, [self.fault]), *self.troubles]
         if runs is None:
             faults.append('nothing is known of the twin')
         elif self.champion and runs['sha256'] != self._wanted:
             faults.append(f'the twin does not run the champion, but {runs["path"]}')
-        return Status('loop', Level.WARN if faults else Level.OK,
-                      '; '.join([*(doing or ['idle']), *faults]), {
+        values = {
             'policy': self.get('policy'),
             'champion': self.champion.name if self.champion else '',
             'challenger': challenger.name if challenger else '',
             'ring [s]': f'{self.ring.span():.1f}', 'ring [MiB]': f'{self.ring.size / MIB:.1f}',
-            'dropped for want of memory': f'{self.ring.dropped}'})
+            'dropped for want of memory': f'{self.ring.dropped}'}
+        return Status('loop', Level.WARN if faults else Level.OK,
+                      '; '.join([*(doing or ['idle']), *faults]), values)
 
     def _fail(self, why: str) -> None:
         """Keep what went wrong, on one line."""

@@ -271,4 +271,3 @@ def main(arguments: Sequence[str] | None = None) -> int:
     from hydro_twin.ros.spin import run
 
     return run(KeepNode, lambda _: None, arguments)
-

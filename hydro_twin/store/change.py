@@ -89,8 +89,9 @@ def effect_values(effect: FittedEffect) -> dict[str, Value]:
     used = [(p, value) for p, value in zip(placed.effect.parameters, placed.values, strict=True)
             if value not in (p.refinement, p.unreached)]
     name = name_of(effect)
-    return {name if len(placed.effect.parameters) == 1 else f'{p.name} of the {name}'
-            : Value(value, effect.std_errors.get(p.name), placed.effect.unit(p, placed.port))
+    alone = len(placed.effect.parameters) == 1
+    return {name if alone else f'{p.name} of the {name}':
+            Value(value, effect.std_errors.get(p.name), placed.effect.unit(p, placed.port))
             for p, value in used}
 
 

@@ -161,6 +161,7 @@ def test_without_auto_a_person_promotes(loop: Loop, policy: str) -> None:
     loop.keeper.ask(loop.now, 'a test')
     loop.judged(4.0, 1.0)
     assert (loop.champion(), loop.events()[-1]) == ('0001', 'recommended')
+    loop.tick()
     assert 'challenger 0002 waits to be promoted' in loop.said()
     if policy == 'observe':
         with pytest.raises(UserError, match='policy is observe'):
@@ -251,10 +252,11 @@ def test_a_store_that_is_damaged_meanwhile_is_told_and_survived(loop: Loop) -> N
     alias = loop.folder / 'store' / 'champion'
     alias.write_text('nonsense')
     loop.tick(2)
-    assert loop.keeper.fault.endswith('is no version of this store')
+    assert loop.said().endswith('is no version of this store')
+    assert loop.events().count('fault') == 1
     alias.write_text('0001\n')
     loop.tick(2)
-    assert loop.champion() == '0001'
+    assert (loop.champion(), loop.said()) == ('0001', 'idle')
 
 
 def test_the_stretch_begins_when_the_rise_has_settled(loop: Loop) -> None:
@@ -263,6 +265,10 @@ def test_the_stretch_begins_when_the_rise_has_settled(loop: Loop) -> None:
     now = loop.now + 100 * SECOND
     loop.keeper.refit(now, REFIT | {'settled': 5000 * SECOND + 150 * SECOND})
     assert loop.keeper.capture.wanted.begin == loop.now + 50 * SECOND
+    # An alarm in the first batch of the rise: what comes from now on.
+    loop.keeper.capture.wanted = None
+    loop.keeper.refit(now, REFIT | {'settled': 9000 * SECOND})
+    assert loop.keeper.capture.wanted.begin == now
     loop.keeper.capture.wanted = None
     loop.keeper.refit(now, REFIT | {'model': 'beside'})
     assert loop.keeper.capture.wanted is None

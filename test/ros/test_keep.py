@@ -63,7 +63,7 @@ def test_an_effect_appears_and_a_model_that_names_it_runs(rig: Rig, tmp_path: Pa
     residuals = rig.listen('/hydro_twin/residual', JointState)
     rub = rig.node.create_publisher(Empty, '/rub', 10)
     keep = ['hydro_twin.commands.main', 'keep', *flags(
-        store=store.path, before=60, after=3, nice=0, trial_least=2, **RELIABLE)]
+        store=store.path, before=60, after=4, nice=0, trial_least=2, **RELIABLE)]
     with subprocess.Popen([sys.executable, str(Path(__file__).with_name('keep_rig.py')),
                            FASTER]) as publisher, ended(publisher), \
             twin(model=first, mode='free_run', **RELIABLE):
@@ -108,7 +108,7 @@ def test_an_effect_appears_and_a_model_that_names_it_runs(rig: Rig, tmp_path: Pa
                       'the twin runs the first model again', PATIENCE)
             assert not rig.service(f'{KEEP}/promote').success      # no challenger is left
             asked = rig.service(f'{KEEP}/capture')
-            assert asked.message == 'captures, 3 s to come'
+            assert asked.message == 'captures, 4 s to come'
         # By the verb, while keep is away; it reads the store when it starts.
         store.promote('0002', 'a person')
         with process(*keep, '-p', 'policy:=ask'):
