@@ -268,7 +268,9 @@ def test_the_stretch_begins_when_the_rise_has_settled(loop: Loop) -> None:
     # An alarm in the first batch of the rise: what comes from now on.
     loop.keeper.capture.wanted = None
     loop.keeper.refit(now, REFIT | {'settled': 9000 * SECOND})
-    assert loop.keeper.capture.wanted.begin == now
+    again = loop.keeper.capture.wanted
+    assert again is not None
+    assert again.begin == now
     loop.keeper.capture.wanted = None
     loop.keeper.refit(now, REFIT | {'model': 'beside'})
     assert loop.keeper.capture.wanted is None

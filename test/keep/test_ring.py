@@ -2,6 +2,7 @@
 from __future__ import annotations
 
 import json
+from typing import Any
 
 from hypothesis import given
 from hypothesis import strategies as st
@@ -34,7 +35,8 @@ def filled(seconds, count, most=1 << 20):
 
 
 def said(messages):
-    return [STORE.deserialize_cdr(content, STRING).data for _, _, content in messages]
+    messages_: list[Any] = [STORE.deserialize_cdr(content, STRING) for *_, content in messages]
+    return [message.data for message in messages_]
 
 
 def test_old_messages_go_but_the_last_before_the_window_and_latched_ones_stay():

@@ -3,8 +3,8 @@
     python keep_rig.py FASTER
 
 publishes at FASTER times the real pace. It rubs from the first message (std_msgs/msg/Empty) on
-/rub on. Made by the integrator of `simulate`, over one period of a periodic command, after another has
-let it settle; so the periods follow each other without a jump.
+/rub on. Made by the integrator of `simulate`, over one period of a periodic command, after another
+has let it settle; so the periods follow each other without a jump.
 """
 from __future__ import annotations
 

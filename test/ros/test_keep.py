@@ -60,10 +60,11 @@ def parameter(rig: Rig, name: str) -> str:
 def test_an_effect_appears_and_a_model_that_names_it_runs(rig: Rig, tmp_path: Path) -> None:
     first, store = make_model(tmp_path / 'first.yaml'), Store(tmp_path / 'store')
     events = rig.listen(f'{KEEP}/event', String)
+    models = rig.listen('/hydro_twin/model_event', String)
     residuals = rig.listen('/hydro_twin/residual', JointState)
     rub = rig.node.create_publisher(Empty, '/rub', 10)
     keep = ['hydro_twin.commands.main', 'keep', *flags(
-        store=store.path, before=60, after=4, nice=0, trial_least=2, **RELIABLE)]
+        store=store.path, before=60, after=2, nice=0, trial_least=2, **RELIABLE)]
     with subprocess.Popen([sys.executable, str(Path(__file__).with_name('keep_rig.py')),
                            FASTER]) as publisher, ended(publisher), \
             twin(model=first, mode='free_run', **RELIABLE):
@@ -89,9 +90,10 @@ def test_an_effect_appears_and_a_model_that_names_it_runs(rig: Rig, tmp_path: Pa
             rig.until(lambda: parameter(rig, 'model') == str(champion.model_file),
                       'the twin is set to it', PATIENCE)
             rig.until(lambda: happened(events, 'confirmed'), 'it is confirmed', PATIENCE)
+            rig.until(lambda: happened(models, 'swapped'), 'it runs in the twin', PATIENCE)
             residuals.clear()
-            rig.until(lambda: len(residuals) > 2000, 'the twin goes on')
-            mean_square = sum(m.effort[0] ** 2 for m in residuals) / len(residuals)
+            rig.until(lambda: len(residuals) > 3000, 'the twin goes on')
+            mean_square = sum(m.effort[0] ** 2 for m in residuals[1000:]) / len(residuals[1000:])
             assert mean_square ** 0.5 < 2.0 * NOISE        # without friction it is 8 N m
             assert not happened(events, 'fault')
 
@@ -108,7 +110,7 @@ def test_an_effect_appears_and_a_model_that_names_it_runs(rig: Rig, tmp_path: Pa
                       'the twin runs the first model again', PATIENCE)
             assert not rig.service(f'{KEEP}/promote').success      # no challenger is left
             asked = rig.service(f'{KEEP}/capture')
-            assert asked.message == 'captures, 4 s to come'
+            assert asked.message == 'captures, 2 s to come'
         # By the verb, while keep is away; it reads the store when it starts.
         store.promote('0002', 'a person')
         with process(*keep, '-p', 'policy:=ask'):
