@@ -28,7 +28,8 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
     """
     from hydro_twin.files import write_whole
     from hydro_twin.store.history import courses, plain, rows
-    from hydro_twin.store.store import Store, StoreError
+    from hydro_twin.store.store import Store
+    from hydro_twin.store.version import StoreError
 
     store = Store.opened(args.store)
     found = rows(store)

@@ -30,7 +30,8 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
     Returns:
         The store, the version that is champion now, its model file and what changed.
     """
-    from hydro_twin.store.store import CHALLENGER, Store
+    from hydro_twin.store.store import Store
+    from hydro_twin.store.version import CHALLENGER
 
     if args.model and args.wanted:
         raise UserError('give a VERSION or a --model, not both')

@@ -16,18 +16,17 @@ from typing import Any
 
 from hydro_twin.errors import UserError
 from hydro_twin.keep.capture import Capture, Captured, close, prune, untraced, write
+from hydro_twin.keep.follow import BY, Follower
 from hydro_twin.keep.jobs import Jobs
 from hydro_twin.keep.ring import Ring, SECOND
 from hydro_twin.keep.settings import OBSERVE
 from hydro_twin.keep.tracing import Bounds, MIB, trace
-from hydro_twin.keep.trial import BY, Judge
+from hydro_twin.keep.trial import Judge
 from hydro_twin.live.diagnostics import Level, Status
 from hydro_twin.live.messages import typestore
-from hydro_twin.recording.digest import source_of
 from hydro_twin.recording.signals import SignalMap
-from hydro_twin.store.store import CAPTURES, DISCARDED, PROMOTED, Store, Version
-
-RETRY = 10.0     # how long the twin may take to run what it was asked to [s]
+from hydro_twin.store.store import Store
+from hydro_twin.store.version import CAPTURES, DISCARDED, PROMOTED, Version
 
 
 class Keeper:
@@ -38,7 +37,7 @@ class Keeper:
         judge: of models.
         signals: where the inputs are found, once that is known.
         topics: what is captured: name -> type, and whether it is latched.
-        runs: what the twin says that it runs.
+        twin: what it runs.
         waiting: captures that are to be traced.
         times: at which steady time which stamp was the newest [ns].
         fault: what went wrong last, on one line; '' after a success.
@@ -56,14 +55,14 @@ class Keeper:
             announce: called with the name of an event and what is to be said of it.
             set_model: has the twin run a model file; what comes of it is told to `answered`.
         """
-        self.store, self.get, self.announce, self.set_model = store, get, announce, set_model
+        self.store, self.get, self.announce = store, get, announce
         self.jobs = Jobs()
         self.ring = Ring(get('before'), round(get('ring') * MIB))
         self.capture = Capture(self.ring)
         self.judge = Judge(store, get, self.jobs, announce)
         self.signals: dict[str, SignalMap] = {}
         self.topics: dict[str, tuple[str, bool]] = {}
-        self.runs: Mapping[str, Any] | None = None
+        self.twin = Follower(store, get, set_model)
         self.captures = store.path / CAPTURES
         self.waiting: deque[Captured] = deque(untraced(self.captures))
         self.times: deque[tuple[int, int]] = deque()    # steady time, stamp
@@ -71,9 +70,6 @@ class Keeper:
         self.troubles: list[str] = []
         self.champion: Version | None = None
         self.challenger: Version | None = None
-        self._wanted = ''                  # SHA-256 of the champion's file
-        self._asked: int | None = None     # when the twin was last asked to run it [ns]
-        self._refused = ''                 # the version that it refused
         self._standing: int | None = None  # since when the model does not hold, or the last try
 
     # What comes in
@@ -101,18 +97,15 @@ class Keeper:
 
     def informed(self, twins: Sequence[Mapping[str, Any]]) -> None:
         """Hear what the twin runs."""
-        main = next((twin for twin in twins if not twin.get('name')), None)
-        if main is not None and (self.runs is None or main.get('sha256') != self.runs['sha256']):
+        if self.twin.informed(twins):
             self._standing = None
-        self.runs = main
 
     def answered(self, refusal: str) -> None:
         """Hear why the twin refuses the champion, if it does."""
         champion = self.champion
-        if not refusal or champion is None or self._asked is None:
+        if not refusal or champion is None or not self.twin.refused(champion):
             return
-        self.fault = f'the twin refuses version {champion.name}: {refusal}'
-        self._refused, self._asked = champion.name, None
+        self._fail(f'the twin refuses version {champion.name}: {refusal}')
         if (champion.decisions[-1]['what'] == PROMOTED
                 and self.store.predecessor() is not None):
             self.judge.go_back(BY, None, f'the twin refuses it: {refusal}')
@@ -150,8 +143,8 @@ class Keeper:
     def tick(self, now: int) -> None:
         """Do what is due; steady time in ns. What goes wrong is in `troubles`, not raised."""
         troubles: list[str] = []
-        for step in (self.jobs.poll, partial(self._settle, now), partial(self._capture, now),
-                     partial(self._follow, now), self._trace,
+        for step in (self.jobs.poll, self._settle, partial(self._capture, now),
+                     lambda: self.twin.work(now, self.champion), self._trace,
                      lambda: self.judge.work(self.mode), partial(self._again, now)):
             try:
                 step()
@@ -164,27 +157,13 @@ class Keeper:
                 self.announce('fault', says=said)
         self.troubles = troubles
 
-    def _settle(self, now: int) -> None:
+    def _settle(self) -> None:
         """Take note of the champion; an empty store begins with what the twin runs."""
-        del now
         self.ring.seconds, self.ring.most = self.get('before'), round(self.get('ring') * MIB)
-        champion = self.store.champion
-        if champion is None and self.runs is not None:
-            champion = self.store.promote(self._entered(self.runs).name, BY)
+        champion = self.store.champion or self.twin.first()
         if champion is not None and self.judge.notice(champion):
-            self._wanted = source_of(champion.model_file).sha256
-            self._asked = None
+            self.twin.want(champion)
         self.champion, self.challenger = champion, self.store.challenger
-
-    def _entered(self, runs: Mapping[str, Any]) -> Version:
-        """Enter the model that the twin runs, if no version is this model."""
-        for version in self.store.versions():
-            if source_of(version.model_file).sha256 == runs['sha256']:
-                return version
-        path = Path(runs['path']).absolute()
-        if source_of(path).sha256 != runs['sha256']:
-            raise UserError(f'{path}: not the model that the twin runs any more')
-        return self.store.enter(path, f'{BY}: the twin ran it')
 
     def _capture(self, now: int) -> None:
         if self.jobs.busy('write') or (taken := self.capture.take(now)) is None:
@@ -201,18 +180,6 @@ class Keeper:
         self.jobs.start('write', partial(write, self.captures, wanted, messages, topics,
                                          typestore()), done,
                         lambda error: self._fail(f'not captured: {error}'))
-
-    def _follow(self, now: int) -> None:
-        """Have the twin run the champion."""
-        champion = self.champion
-        if champion is None or self.runs is None or self.get('policy') == OBSERVE:
-            return
-        if self.runs['sha256'] == self._wanted:
-            self._asked, self._refused = None, ''
-        elif self._refused != champion.name and (
-                self._asked is None or now - self._asked > RETRY * SECOND):
-            self._asked = now
-            self.set_model(champion.model_file.absolute())
 
     def _trace(self) -> None:
         champion = self.champion
@@ -268,7 +235,7 @@ class Keeper:
         mode: str = self.get('mode')
         if mode != 'as the twin':
             return mode
-        return self.runs['mode'] if self.runs is not None else None
+        return self.twin.runs['mode'] if self.twin.runs is not None else None
 
     @property
     def busy(self) -> bool:
@@ -288,12 +255,7 @@ class Keeper:
         if challenger is not None and not self.judge.tries:
             doing.append(f'challenger {challenger.name} waits to be promoted: '
                          f'{challenger.record["changed"]}')
-        runs = self.runs
-        faults = [*filter(None, [self.fault]), *self.troubles]
-        if runs is None:
-            faults.append('nothing is known of the twin')
-        elif self.champion and runs['sha256'] != self._wanted:
-            faults.append(f'the twin does not run the champion, but {runs["path"]}')
+        faults = [*filter(None, [self.fault, *self.troubles, self.twin.trouble])]
         values = {
             'policy': self.get('policy'),
             'champion': self.champion.name if self.champion else '',

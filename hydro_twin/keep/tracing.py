@@ -19,7 +19,7 @@ from hydro_twin.files import write_whole
 from hydro_twin.keep.capture import Captured, CONFIG, TRACE
 from hydro_twin.model import read_model
 from hydro_twin.recording.signals import SignalMap
-from hydro_twin.store.store import MODEL
+from hydro_twin.store.version import MODEL
 
 POLL = 0.2     # [s]
 TAIL = 400     # characters of what a trace says that are passed on

@@ -7,13 +7,14 @@ from typing import Any
 
 from hydro_twin.errors import ModelError
 from hydro_twin.keep.duel import Duel, Rules
+from hydro_twin.keep.follow import BY
 from hydro_twin.keep.jobs import Jobs
 from hydro_twin.keep.settings import AUTO, OBSERVE
 from hydro_twin.live.models import Choice, load_twin, same_inputs
 from hydro_twin.live.twin import Twin
-from hydro_twin.store.store import CONFIRMED, DISCARDED, PROMOTED, RECOMMENDED, Store, Version
+from hydro_twin.store.store import Store
+from hydro_twin.store.version import CONFIRMED, DISCARDED, PROMOTED, RECOMMENDED, Version
 
-BY = 'keep'
 TRIAL, PROBATION = 'trial', 'probation'
 
 

@@ -15,26 +15,20 @@ from rcl_interfaces.srv import SetParameters
 from rclpy.clock import Clock, ClockType
 from rclpy.node import Node
 from rclpy.parameter import Parameter
-from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
+from rclpy.qos import DurabilityPolicy, QoSProfile
 from std_msgs.msg import String
 from std_srvs.srv import Trigger
 
-from hydro_twin.errors import ModelError, UserError
+from hydro_twin.errors import UserError
 from hydro_twin.keep.keeper import Keeper
 from hydro_twin.keep.settings import SETTINGS
-from hydro_twin.live.live import Feed, Live
-from hydro_twin.live.messages import learn, message_class
-from hydro_twin.model import read_model
-from hydro_twin.plants import plant_named
 from hydro_twin.ros.announcer import diagnostic_array
-from hydro_twin.ros.parameters import declare_parameters, objection, SignalParameters
-from hydro_twin.ros.topics import Topics
+from hydro_twin.ros.keep_inputs import Inputs
+from hydro_twin.ros.parameters import declare_parameters, objection
 from hydro_twin.store.store import Store
 
 PERIOD = 1.0     # of the loop and of diagnostics [s]
-DEPTH = 5000     # messages that may wait: a thread that loads a model takes its time
 ANSWER = 5.0     # how long a service may take before another try [s]
-WAIT = 0.1       # for late inputs, as the twin does by default [s]
 
 
 class KeepNode(Node):
@@ -49,26 +43,22 @@ class KeepNode(Node):
         declare_parameters(self, SETTINGS)
         if not self._get('store'):
             raise UserError("no store is given: set the parameter 'store' to a folder")
-        self._topics = Topics(self, DEPTH)
-        self._signals = SignalParameters(self, self._parameter_overrides)
-        self._live: Live | None = None
         self._answer: tuple[Any, float] | None = None     # of the twin, and since when awaited
-        self._jumps = 0
-        self._plant = ''
         self._name = self.get_fully_qualified_name().strip('/')
         self._event = self.create_publisher(String, '~/event', 10)
         self._diagnostics = self.create_publisher(DiagnosticArray, '/diagnostics', 10)
         self.keeper = Keeper(Store(Path(self._get('store')).expanduser().absolute()), self._get,
                              self._announce, self._set_model)
-        champion = self.keeper.store.champion      # a damaged store ends the start
-        if champion is not None:
-            self._listen(champion.model_file)
         twin = self.resolve_topic_name(self._get('twin'))
         self._client = self.create_client(SetParameters, f'{twin}/set_parameters')
         latched = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
         self._subscribe(String, f'{twin}/model_info', self._on_info, latched)
         self._subscribe(String, f'{twin}/model_event', self._on_event, QoSProfile(depth=100))
-        self._wanted = [*filter(None, self._get('topics')), f'{twin}/model_info']
+        self._inputs = Inputs(self, self.keeper, self._guarded, self._parameter_overrides,
+                              [*filter(None, self._get('topics')), f'{twin}/model_info'])
+        champion = self.keeper.store.champion      # a damaged store ends the start
+        if champion is not None:
+            self._inputs.listen(champion.model_file, self._get('plant'))
         for name, answer in (('capture', self._on_capture), ('promote', self._on_promote),
                              ('rollback', self._on_rollback)):
             self.create_service(Trigger, f'~/{name}', answer)
@@ -112,76 +102,6 @@ class KeepNode(Node):
     def _subscribe(self, kind: Any, topic: str, heard: Callable[[Any], object],
                    qos: QoSProfile) -> None:
         self.create_subscription(kind, topic, partial(self._guarded, heard), qos)
-
-    # The inputs of the twin
-
-    def _listen(self, model: Path) -> None:
-        """Subscribe to the inputs of a plant, once a model says which.
-
-        Raises:
-            UserError: the model or the signal parameters are wrong.
-        """
-        about = read_model(model)
-        if self._get('plant') not in ('', about.plant.name):
-            raise ModelError(f'{model}: a model of {about.plant.name}, but the parameter '
-                             f"'plant' is {self._get('plant')}")
-        plant = plant_named(about.plant.name)
-        signals = self._topics.resolved(self._signals.read(plant))
-        live = Live(plant, signals, about.sample_time, WAIT)
-        self.keeper.signals = signals
-        for feed in live.feeds:
-            learn(feed.type)
-            self.keeper.topics[feed.topic] = (feed.type, False)
-            self._topics.listen(feed, partial(self._guarded, self._on_input, live, feed))
-        self._live, self._plant = live, plant.name
-
-    def _on_input(self, live: Live, feed: Feed, payload: bytes) -> None:
-        """Take in a message: into the ring, and to the models that are judged."""
-        received = self.get_clock().now().nanoseconds
-        aligner, judge = live.aligner, self.keeper.judge
-        live.take(feed, payload, lambda: received)
-        if aligner.jumps != self._jumps:
-            self._jumps = aligner.jumps
-            self.keeper.ring.clear()
-            self.keeper.times.clear()
-        self.keeper.ring.add(feed.topic, time.monotonic_ns(), received, bytes(payload))
-        while aligner.advance():
-            if judge.duel is not None:
-                if aligner.first:
-                    judge.duel.restart()
-                judge.duel.step(aligner.stamp, aligner.inputs, aligner.measured)
-
-    def _look_for_topics(self) -> None:
-        """Subscribe to what else is captured, once somebody publishes it; find what is latched."""
-        known = dict(self.get_topic_names_and_types())
-        for topic in self.keeper.topics:
-            if self._is_latched(topic):
-                self.keeper.ring.latch(topic)
-        for name in list(self._wanted):
-            topic = self.resolve_topic_name(name)
-            if topic not in known or topic in self.keeper.topics:
-                continue
-            kind, latched = known[topic][0], self._is_latched(topic)
-            learn(kind)
-            self._wanted.remove(name)
-            self.keeper.topics[topic] = (kind, latched)
-            if latched:
-                self.keeper.ring.latch(topic)
-            qos = QoSProfile(depth=DEPTH, reliability=ReliabilityPolicy.RELIABLE if latched
-                             else ReliabilityPolicy.BEST_EFFORT,
-                             durability=DurabilityPolicy.TRANSIENT_LOCAL if latched
-                             else DurabilityPolicy.VOLATILE)
-            self.create_subscription(message_class(kind), topic, partial(
-                self._guarded, self._on_other, topic), qos, raw=True)
-
-    def _is_latched(self, topic: str) -> bool:
-        return any(info.qos_profile.durability == DurabilityPolicy.TRANSIENT_LOCAL
-                   for info in self.get_publishers_info_by_topic(topic))
-
-    def _on_other(self, topic: str, payload: bytes) -> None:
-        """Take in a message of a topic that is captured only."""
-        self.keeper.ring.add(topic, time.monotonic_ns(), self.get_clock().now().nanoseconds,
-                             bytes(payload))
 
     # The twin
 
@@ -250,15 +170,17 @@ class KeepNode(Node):
     def _on_tick(self) -> None:
         """Do what is due, and say how things stand."""
         now = time.monotonic_ns()
-        if self._live is None and self.keeper.champion is not None:
-            self._listen(self.keeper.champion.model_file)
+        if self._inputs.live is None and self.keeper.champion is not None:
+            self._inputs.listen(self.keeper.champion.model_file, self._get('plant'))
         with contextlib.suppress(UserError):     # of a type that is not installed
-            self._look_for_topics()
+            self._inputs.look()
         self._hear_answer()
-        if self._live is not None and self._live.aligner.stamp > 0:
-            self.keeper.passed(now, self._live.aligner.stamp)
+        live = self._inputs.live
+        if live is not None and live.aligner.stamp > 0:
+            self.keeper.passed(now, live.aligner.stamp)
         self.keeper.tick(now)
-        self._diagnostics.publish(diagnostic_array(self._name, self.get_clock().now(), self._plant,
+        plant = self._inputs.plant
+        self._diagnostics.publish(diagnostic_array(self._name, self.get_clock().now(), plant,
                                                    [self.keeper.status(now)]))
 
 

@@ -8,7 +8,8 @@ from typing import Any
 
 from hydro_twin.errors import ModelError
 from hydro_twin.store.change import effect_values, parameters, Value
-from hydro_twin.store.store import ALIASES, ROLLED_BACK, Store, Version
+from hydro_twin.store.store import Store
+from hydro_twin.store.version import ALIASES, ROLLED_BACK, Version
 
 DAY = 86400.0     # [s]
 

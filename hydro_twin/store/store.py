@@ -13,75 +13,40 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
-from dataclasses import dataclass
-from datetime import datetime, UTC
 import fcntl
 from itertools import pairwise
-import json
 import os
 from pathlib import Path
 import re
 import shutil
 from typing import Any
 
-from hydro_twin.errors import UserError
 from hydro_twin.files import sync, write_durably
-from hydro_twin.model import Model, read_model
+from hydro_twin.model import read_model
 from hydro_twin.store.change import change
+from hydro_twin.store.version import (
+    ALIASES,
+    as_json,
+    CAPTURES,
+    CHALLENGER,
+    CHAMPION,
+    DECISION,
+    decision,
+    DISCARDED,
+    ENTERED,
+    INTERRUPTED,
+    MODEL,
+    MODELS,
+    MOVES,
+    PROMOTED,
+    read_version,
+    REPORTS,
+    ROLLED_BACK,
+    StoreError,
+    Version,
+)
 
-CHAMPION, CHALLENGER = 'champion', 'challenger'
-ALIASES = (CHAMPION, CHALLENGER)
-MODELS, CAPTURES = 'models', 'captures'
-MODEL, DECISION = 'model.yaml', 'decision.json'
-REPORTS = ('report.json', 'report.html')
-ENTERED, PROMOTED, DISCARDED = 'entered', 'promoted', 'discarded'
-CONFIRMED, RECOMMENDED = 'confirmed', 'recommended'
-ROLLED_BACK, INTERRUPTED = 'rolled back', 'interrupted'
-MOVES = (PROMOTED, ROLLED_BACK)      # decisions after which the champion is another version
 LEFT = re.compile(r'\..+\.\d+')       # what `written_whole` and `enter` write aside: .NAME.PID
-
-
-class StoreError(UserError):
-    """A store cannot be read, or does not have what is asked of it."""
-
-
-@dataclass(frozen=True)
-class Version:
-    """One model of a store.
-
-    Attributes:
-        name: '0007'.
-        folder: that it lies in.
-        record: what decision.json holds.
-    """
-
-    name: str
-    folder: Path
-    record: Mapping[str, Any]
-
-    @property
-    def model_file(self) -> Path:
-        """Its model file."""
-        return self.folder / MODEL
-
-    @property
-    def parent(self) -> str | None:
-        """The version that it was made from."""
-        parent: str | None = self.record.get('parent')
-        return parent
-
-    @property
-    def decisions(self) -> list[dict[str, Any]]:
-        """All that was decided on it, the oldest first."""
-        return list(self.record['decisions'])
-
-    def model(self) -> Model:
-        """Read the model.
-
-        Raises:
-            ModelError: the file is damaged.
-        """
-        return read_model(self.model_file)
 
 
 class Store:
@@ -114,7 +79,7 @@ class Store:
         folder = self.path / MODELS
         if not folder.is_dir():
             return []
-        return [self._read(one) for one in sorted(folder.iterdir())
+        return [read_version(one) for one in sorted(folder.iterdir())
                 if re.fullmatch(r'\d{4,}', one.name)]
 
     def version(self, name: str) -> Version:
@@ -129,7 +94,7 @@ class Store:
         if not re.fullmatch(r'\d{4,}', wanted) or not folder.is_dir():
             there = ', '.join(one.name for one in self.versions()) or 'none'
             raise StoreError(f'{self.path}: no version {name}; there are: {there}')
-        return self._read(folder)
+        return read_version(folder)
 
     def alias(self, name: str) -> str | None:
         """Say which version an alias stands for; None where it stands for none.
@@ -162,20 +127,10 @@ class Store:
         champion = self.champion
         if champion is None:
             return None
-        for decision in reversed(champion.decisions):
-            if decision['what'] == PROMOTED:
-                return self.version(decision['replaces']) if decision.get('replaces') else None
+        for made in reversed(champion.decisions):
+            if made['what'] == PROMOTED:
+                return self.version(made['replaces']) if made.get('replaces') else None
         return None
-
-    def _read(self, folder: Path) -> Version:
-        path = folder / DECISION
-        try:
-            record = json.loads(path.read_text('utf-8'))
-            if not isinstance(record['decisions'], list):
-                raise TypeError('decisions')
-        except (OSError, ValueError, KeyError, TypeError) as error:
-            raise StoreError(f'{path}: damaged ({type(error).__name__}: {error})') from error
-        return Version(folder.name, folder, record)
 
     # Writing
 
@@ -215,8 +170,8 @@ class Store:
                 'version': name, 'parent': champion.name if champion else None,
                 'changed': change(parent, made).says if parent else 'the first model',
                 **({'bag': dict(bag)} if bag else {}),
-                'decisions': [_decision(ENTERED, by)]}
-            (part / DECISION).write_text(_json(record), 'utf-8')
+                'decisions': [decision(ENTERED, by)]}
+            (part / DECISION).write_text(as_json(record), 'utf-8')
             for path in part.iterdir():
                 sync(path)
             sync(part)
@@ -301,13 +256,13 @@ class Store:
                     shutil.rmtree(left, ignore_errors=True)
                 else:
                     left.unlink(missing_ok=True)
-        moves = [(decision, after, version) for version in self.versions()
-                 for decision, after in pairwise([*version.decisions, None])
-                 if decision and decision['what'] in MOVES]
+        moves = [(made, after, version) for version in self.versions()
+                 for made, after in pairwise([*version.decisions, None])
+                 if made and made['what'] in MOVES]
         if not moves:
             return
-        decision, after, version = max(moves, key=lambda move: str(move[0]['when']))
-        wanted = decision['to'] if decision['what'] == ROLLED_BACK else version.name
+        made, after, version = max(moves, key=lambda move: str(move[0]['when']))
+        wanted = made['to'] if made['what'] == ROLLED_BACK else version.name
         if self.alias(CHAMPION) != wanted and not (after and after['what'] == INTERRUPTED):
             self._decide(version, INTERRUPTED, 'the next writer', None,
                          f'the champion is not {wanted}: the move was cut short, or the alias was '
@@ -317,21 +272,10 @@ class Store:
                 evidence: Mapping[str, Any] | None = None, why: str = '',
                 **more: str | None) -> None:
         """Add to what was decided on a version."""
-        decision = _decision(what, by, evidence, why) | more
-        write_durably(version.folder / DECISION, _json(
-            {**version.record, 'decisions': [*version.decisions, decision]}))
+        made = decision(what, by, evidence, why) | more
+        write_durably(version.folder / DECISION, as_json(
+            {**version.record, 'decisions': [*version.decisions, made]}))
 
     def _point(self, alias: str, name: str) -> None:
         """Have an alias stand for a version, or for none."""
         write_durably(self.path / alias, f'{name}\n')
-
-
-def _decision(what: str, by: str, evidence: Mapping[str, Any] | None = None, why: str = '',
-              ) -> dict[str, Any]:
-    when = datetime.now(UTC).isoformat(timespec='microseconds')
-    return {'what': what, 'when': when, 'by': by, **({'why': why} if why else {}),
-            **({'evidence': dict(evidence)} if evidence else {})}
-
-
-def _json(record: Mapping[str, Any]) -> str:
-    return json.dumps(record, indent=2, ensure_ascii=False, allow_nan=False) + '\n'

@@ -121,7 +121,7 @@ def test_an_event_becomes_a_promotion_that_is_confirmed(loop: Loop) -> None:
     assert about['changed'] == 'motor friction (coulomb 10 N m) appeared'
     assert about['evidence']['e_value'] > 100.0
     loop.tick(2)
-    assert loop.keeper.runs['path'].endswith('models/0002/model.yaml')
+    assert loop.keeper.twin.runs['path'].endswith('models/0002/model.yaml')
     loop.judged(1.0, 4.0)       # the champion against its predecessor
     assert loop.events()[-1] == 'confirmed'
     assert loop.said() == 'idle'
@@ -137,7 +137,7 @@ def test_a_champion_that_does_worse_goes_back(loop: Loop) -> None:
     loop.judged(4.0, 1.0)       # now the predecessor is the better one
     assert loop.champion() == '0001'
     loop.tick(2)
-    assert loop.keeper.runs['path'].endswith('models/0001/model.yaml')
+    assert loop.keeper.twin.runs['path'].endswith('models/0001/model.yaml')
     last = loop.keeper.store.version('0002').decisions[-1]
     assert (last['what'], last['why']) == ('rolled back', 'its predecessor is better')
 
@@ -171,15 +171,15 @@ def test_without_auto_a_person_promotes(loop: Loop, policy: str) -> None:
         # By the verb, the store is as the person wants it; the twin is left alone.
         loop.keeper.store.promote('challenger', 'me')
         loop.tick(30)
-        assert loop.keeper.runs['path'] == str(loop.first)
+        assert loop.keeper.twin.runs['path'] == str(loop.first)
         assert 'the twin does not run the champion' in loop.said()
         return
     assert loop.keeper.promote('me') == 'version 0002 is the champion'
     loop.tick(2)
-    assert loop.keeper.runs['path'].endswith('models/0002/model.yaml')
+    assert loop.keeper.twin.runs['path'].endswith('models/0002/model.yaml')
     assert loop.keeper.roll_back('me') == 'version 0001 is the champion again'
     loop.tick(2)
-    assert loop.keeper.runs['path'].endswith('models/0001/model.yaml')
+    assert loop.keeper.twin.runs['path'].endswith('models/0001/model.yaml')
 
 
 def test_a_trace_that_fails_is_one_line_and_the_next_event_is_not_lost(loop: Loop) -> None:
@@ -219,7 +219,7 @@ def test_after_a_restart_it_goes_on(loop: Loop) -> None:
     loop.start()
     loop.runs(loop.first)                   # a twin that was started with its old model
     loop.tick(3)
-    assert loop.keeper.runs['path'].endswith('models/0002/model.yaml')
+    assert loop.keeper.twin.runs['path'].endswith('models/0002/model.yaml')
     assert 'judging champion 0002 against its predecessor 0001' in loop.said()
 
 

@@ -15,7 +15,8 @@ import signal
 import sys
 import time
 
-from hydro_twin.store.store import Store, StoreError
+from hydro_twin.store.store import Store
+from hydro_twin.store.version import StoreError
 
 
 def write_for_ever(store, model, seed):

@@ -12,7 +12,8 @@ import yaml
 
 from hydro_twin.commands.main import main
 from hydro_twin.model import document
-from hydro_twin.store.store import Store, StoreError
+from hydro_twin.store.store import Store
+from hydro_twin.store.version import StoreError
 
 FRICTION = [('friction', 'motor', {'coulomb': (10.0, 0.1)})]
 
