@@ -9,6 +9,8 @@ from hydro_twin.report.chart import AFTER, axis, Chart, Curve, Illustration, pla
 from hydro_twin.report.page import environment, short, spread
 from hydro_twin.store.history import Course, Row
 
+SPANS = (('days', 1.0), ('hours', 24.0), ('minutes', 1440.0))    # unit, how many a day has
+
 
 def history_page(name: str, rows: Sequence[Row], courses: Sequence[Course]) -> str:
     """Write the history of a store as one self-contained page.
@@ -18,16 +20,25 @@ def history_page(name: str, rows: Sequence[Row], courses: Sequence[Course]) -> s
         rows: its versions, the oldest first.
         courses: of the parameters of the plant and of the effects.
     """
-    drawn = [illustration(k, course) for k, course in enumerate(courses)]
+    last = max(course.days[-1] for course in courses) if courses else 0.0
+    unit, scale = next((span for span in SPANS if last * span[1] >= 2.0), SPANS[-1])
+    drawn = [illustration(k, course, scale, unit) for k, course in enumerate(courses)]
     return environment().get_template('history.html').render(
         name=name, rows=rows, courses=list(zip(courses, drawn, strict=True)),
         champion=next((row for row in rows if row.alias == 'champion'), None),
         short=short, spread=spread, data={one.name: plain(one) for one in drawn})
 
 
-def illustration(index: int, course: Course) -> Illustration:
-    """Draw a parameter over time; bars are two standard errors, where they are known."""
-    days = np.array(course.days)
+def illustration(index: int, course: Course, scale: float, time: str) -> Illustration:
+    """Draw a parameter over time; bars are two standard errors, where they are known.
+
+    Args:
+        index: of the figure on the page.
+        course: of the parameter.
+        scale: how many of the unit of the time axis a day has.
+        time: that unit.
+    """
+    days = scale * np.array(course.days)
     values = np.array([one.value for one in course.values])
     known = np.array([one.std_error is not None for one in course.values])
     errors = np.array([2.0 * (one.std_error or 0.0) for one in course.values])
@@ -41,5 +52,5 @@ def illustration(index: int, course: Course) -> Illustration:
     unit = course.values[-1].unit
     return Illustration(
         f'course_{index}', course.name, f'Versions {", ".join(course.versions)}.',
-        (View('', (Chart('days since the first version', axis(course.name, unit),
+        (View('', (Chart(f'{time} since the first version', axis(course.name, unit),
                          tuple(curves), height=0.7),)),))

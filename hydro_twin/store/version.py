@@ -82,7 +82,7 @@ def read_version(folder: Path) -> Version:
 
 
 def decision(what: str, by: str, evidence: Mapping[str, Any] | None = None, why: str = '',
-               ) -> dict[str, Any]:
+             ) -> dict[str, Any]:
     """Write a decision down, with the time."""
     when = datetime.now(UTC).isoformat(timespec='microseconds')
     return {'what': what, 'when': when, 'by': by, **({'why': why} if why else {}),

@@ -52,6 +52,10 @@ def happened(heard: list[String], event: str) -> Any:
                  if (about := json.loads(message.data))['event'] == event), None)
 
 
+def rms(messages: list[JointState]) -> float:
+    return float((sum(m.effort[0] ** 2 for m in messages) / len(messages)) ** 0.5)
+
+
 def parameter(rig: Rig, name: str) -> str:
     return str(rig.call(GetParameters, '/hydro_twin/get_parameters',
                         GetParameters.Request(names=[name])).values[0].string_value)
@@ -90,11 +94,10 @@ def test_an_effect_appears_and_a_model_that_names_it_runs(rig: Rig, tmp_path: Pa
             rig.until(lambda: parameter(rig, 'model') == str(champion.model_file),
                       'the twin is set to it', PATIENCE)
             rig.until(lambda: happened(events, 'confirmed'), 'it is confirmed', PATIENCE)
+            # Messages may have queued up: with friction not in the model the error is 8 N m.
             rig.until(lambda: happened(models, 'swapped'), 'it runs in the twin', PATIENCE)
-            residuals.clear()
-            rig.until(lambda: len(residuals) > 3000, 'the twin goes on')
-            mean_square = sum(m.effort[0] ** 2 for m in residuals[1000:]) / len(residuals[1000:])
-            assert mean_square ** 0.5 < 2.0 * NOISE        # without friction it is 8 N m
+            rig.until(lambda: rms(residuals[-1000:]) < 2.0 * NOISE, 'its residual is small',
+                      PATIENCE)
             assert not happened(events, 'fault')
 
             # The bag that it was made from holds the inputs, and the latched topic.
