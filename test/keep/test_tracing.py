@@ -1,12 +1,15 @@
 """A trace as a process of its own: limits that hold, failures that are one line."""
 from __future__ import annotations
 
+from collections.abc import Callable
+import contextlib
 import json
 import os
 from pathlib import Path
 import subprocess
 import sys
 from threading import Event, Timer
+import time
 
 import pytest
 from store_models import write
@@ -67,3 +70,38 @@ def test_what_goes_wrong_is_one_line(tmp_path: Path, bounds: Bounds, stop: float
         trace(captured(tmp_path / 'captured', bag), model, SIGNALS, bounds, ended)
     assert '\n' not in str(raised.value)
     assert str(raised.value)
+
+
+def test_a_trace_ends_with_the_node_even_where_that_is_killed(tmp_path: Path) -> None:
+    code = ('import sys\nfrom pathlib import Path\nfrom threading import Event\n'
+            'from hydro_twin.keep.capture import Captured\n'
+            'from hydro_twin.keep.tracing import Bounds, trace\n'
+            'trace(Captured(Path(sys.argv[1]), "0"), Path(sys.argv[2]), {}, '
+            'Bounds(600.0, 8192.0, 0), Event())\n')
+    there = captured(tmp_path / 'captured', ROOT / 'bags' / 'rig_a')
+    model = write(tmp_path / 'model.yaml')
+    with subprocess.Popen([sys.executable, '-c', code, str(there.folder), str(model)]) as node:
+        children = Path(f'/proc/{node.pid}/task/{node.pid}/children')
+
+        def tracing() -> list[Path]:
+            """List the processes that have become the verb."""
+            return [Path('/proc') / pid for pid in children.read_text().split()
+                    if b'commands.main' in Path('/proc', pid, 'cmdline').read_bytes()]
+
+        until(lambda: bool(tracing()))
+        (child,) = tracing()
+        node.kill()
+        node.wait()
+    until(lambda: not child.exists() or ' Z ' in (child / 'stat').read_text())
+    assert not child.exists() or ' Z ' in (child / 'stat').read_text()
+
+
+def until(condition: Callable[[], bool]) -> None:
+    """Wait for something that comes in no time, but on a busy machine."""
+    end = time.monotonic() + 120.0
+    while time.monotonic() < end:
+        with contextlib.suppress(OSError):
+            if condition():
+                return
+        time.sleep(0.02)
+    pytest.fail('waited in vain')
