@@ -102,7 +102,9 @@ class Inputs:
                 self._keeper.ring.latch(topic)
         for name in list(self._wanted):
             topic = self._node.resolve_topic_name(name)
-            if topic not in known or topic in self._keeper.topics:
+            # One that is only listened to says nothing of how it will be published.
+            if (topic in self._keeper.topics or topic not in known
+                    or not self._node.get_publishers_info_by_topic(topic)):
                 continue
             kind, latched = known[topic][0], self._is_latched(topic)
             learn(kind)
