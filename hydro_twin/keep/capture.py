@@ -7,14 +7,16 @@ from datetime import datetime, UTC
 import json
 from pathlib import Path
 import shutil
-
-from rosbags.typesys.store import Typestore
+from typing import TYPE_CHECKING
 
 from hydro_twin.errors import BagError
 from hydro_twin.files import sync, write_durably
 from hydro_twin.keep.ring import Message, Ring, SECOND
 from hydro_twin.recording.digest import source_of
 from hydro_twin.recording.write import write_messages
+
+if TYPE_CHECKING:
+    from rosbags.typesys.store import Typestore
 
 BAG, TRACE, CONFIG, OUTCOME = 'bag', 'trace', 'config.yaml', 'outcome.json'
 LONGEST = 10.0      # times `after`: for so long events may extend a capture
