@@ -32,3 +32,28 @@ def write_whole(path: Path, content: bytes | str) -> None:
     """
     with written_whole(path) as part:
         part.write_bytes(content.encode() if isinstance(content, str) else content)
+
+
+def write_durably(path: Path, content: bytes | str) -> None:
+    """Write a file as `write_whole` does, and have it on the disk before this returns.
+
+    Raises:
+        OSError: the file cannot be written there.
+    """
+    with written_whole(path) as part:
+        part.write_bytes(content.encode() if isinstance(content, str) else content)
+        sync(part)
+    sync(path.parent)
+
+
+def sync(path: Path) -> None:
+    """Have a file, or the names in a folder, on the disk.
+
+    Raises:
+        OSError: it is not there, or the disk fails.
+    """
+    handle = os.open(path, os.O_RDONLY)
+    try:
+        os.fsync(handle)
+    finally:
+        os.close(handle)

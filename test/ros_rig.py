@@ -81,8 +81,8 @@ class Rig:
                                       QoSProfile(depth=DEPTH, durability=durability))
         return heard
 
-    def until(self, condition: Callable[[], Any], what: str) -> Any:
-        end = time.monotonic() + PATIENCE
+    def until(self, condition: Callable[[], Any], what: str, patience: float = PATIENCE) -> Any:
+        end = time.monotonic() + patience
         while time.monotonic() < end:
             if found := condition():
                 return found
@@ -93,6 +93,12 @@ class Rig:
                                   for status in message.status))
         return pytest.fail('\n'.join([f'waited in vain until {what}', f'heard: {counts}',
                                       'diagnostics:', *said]))
+
+    def service(self, name: str) -> Any:
+        """Call a service that takes nothing."""
+        from std_srvs.srv import Trigger
+
+        return self.call(Trigger, name, Trigger.Request())
 
     def call(self, kind: Any, name: str, request: Any) -> Any:
         client = self.node.create_client(kind, name)

@@ -94,9 +94,15 @@ def square_noise(residual: np.ndarray) -> float:
 
 @dataclass(frozen=True)
 class Rise:
-    """A lasting rise of the residual, with the stretch that shows it."""
+    """A lasting rise of the residual, with the stretch that shows it.
+
+    Attributes:
+        begin, end: stamps of the stretch [ns].
+        settled: stamp at which the first batch of it ends, in which the rise may have begun [ns].
+    """
 
     begin: int
+    settled: int
     end: int
     rms: float
     promised: float
@@ -125,7 +131,7 @@ class Monitor:
         self._count = 0
         self._pool = (0, 0.0, 0)
         self._cusum = 0.0
-        self._onset = 0
+        self._onset = 0, 0
         self.rms = math.nan
 
     def add(self, stamp: int, residual: float) -> None:
@@ -168,10 +174,10 @@ class Monitor:
         self._pool = (0, 0.0, 0)
         self.rms = math.sqrt(mean_square)
         if self._cusum == 0.0:
-            self._onset = start
+            self._onset = start, end
         score = chart.score(mean_square / self.promised**2)
         self._cusum = max(0.0, self._cusum + score - chart.reference)
         if self.rise is None and self._cusum > chart.threshold:
-            self.rise = Rise(self._onset, end, self.rms, self.promised)
+            self.rise = Rise(*self._onset, end, self.rms, self.promised)
             return self.rise
         return None

@@ -1,6 +1,7 @@
 """The parameters of the node, its signals aside: name, default, meaning, limits."""
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 
@@ -56,14 +57,14 @@ SIGNAL = 'signals.SIGNAL.{topic, type, field, scale, offset}'
 SIGNAL_DESCRIPTION = 'where each signal of the plant is found; defaults as in config/PLANT.yaml'
 
 
-def overview() -> str:
-    """List the parameters for `hydro-twin node --help`."""
+def overview(settings: Sequence[Setting] = SETTINGS) -> str:
+    """List the parameters of a node for `--help`."""
     import textwrap
 
     lines = []
     for name, default, about in [
             *((s.name, str(s.default).lower() if isinstance(s.default, bool) else s.default,
-               s.description) for s in SETTINGS),
+               s.description) for s in settings),
             (SIGNAL, '', SIGNAL_DESCRIPTION)]:
         said = about if default in ('', ('',)) else f'{about} (default: {default})'
         lines += [f'  {name}', *textwrap.wrap(said, 79, initial_indent=' ' * 6,

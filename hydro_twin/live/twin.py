@@ -74,6 +74,11 @@ class Twin:
         for _ in range(plant.order + 2):
             stepper.step(np.zeros(len(plant.inputs)), 0.0)
 
+    @property
+    def scored(self) -> bool:
+        """Whether the last sample is past the start-up, which no error counts."""
+        return self._count > self._unscored
+
     def step(self, stamp: int, inputs: FloatArray, measured: float) -> float:
         """Predict the output of the next sample.
 

@@ -51,6 +51,50 @@ def write_recording(path: Path, series: Sequence[Series | StampedSeries],
             writer.write(connection, received, content)
 
 
+def write_messages(path: Path, topics: Mapping[str, tuple[str, bool]],
+                   messages: Iterable[tuple[int, str, bytes]], store: Typestore,
+                   about: Mapping[str, str] | None = None) -> int:
+    """Write serialised messages as they came, as a bag.
+
+    Args:
+        path: of the bag, as for `write_recording`.
+        topics: name -> type, and whether it is latched (transient local).
+        messages: receive time [ns], topic and CDR, in the order of time.
+        store: knows the types.
+        about: what the bag's metadata shall say of its origin.
+
+    Returns:
+        How many were written.
+
+    Raises:
+        BagError: the path exists already.
+    """
+    from rosbags.interfaces import (
+        Qos,
+        QosDurability,
+        QosHistory,
+        QosLiveliness,
+        QosReliability,
+        QosTime,
+    )
+
+    never = QosTime(9223372036, 854775807)
+    latched = Qos(QosHistory.KEEP_LAST, 1, QosReliability.RELIABLE, QosDurability.TRANSIENT_LOCAL,
+                  never, never, QosLiveliness.AUTOMATIC, never, False)
+    count = 0
+    with _new_bag(path) as writer:
+        for key, text in (about or {}).items():
+            writer.set_custom_data(key, text)
+        connections = {
+            topic: writer.add_connection(topic, msgtype, typestore=store,
+                                         offered_qos_profiles=[latched] if stays else [])
+            for topic, (msgtype, stays) in topics.items()}
+        for received, topic, content in messages:
+            writer.write(connections[topic], received, content)
+            count += 1
+    return count
+
+
 def add_to_copy(source: Path, path: Path, series: Sequence[Series],
                 signals: Mapping[str, SignalMap], beside: SignalMap) -> None:
     """Copy a bag, message for message, and add series on topics of their own.

@@ -24,15 +24,13 @@ def page(result: TraceResult, summary: Mapping[str, Any], provenance: Mapping[st
         illustrations: the figures.
     """
     unit = result.plant.output.unit
-    environment = Environment(loader=PackageLoader('hydro_twin', 'report'), autoescape=True,
-                              undefined=StrictUndefined, trim_blocks=True, lstrip_blocks=True)
-    environment.policies['json.dumps_kwargs'] = {'separators': (',', ':'), 'allow_nan': False}
-    environment.filters |= {'short': short, 'spread': spread, 'percent': percent, 'shift': shift,
-                            'p': lambda value: '< 1e-99' if value < 1e-99 else f'{value:.2g}',
-                            'sentence': lambda text: text[:1].upper() + text[1:]}
+    pages = environment()
+    pages.filters |= {'short': short, 'spread': spread, 'percent': percent, 'shift': shift,
+                      'p': lambda value: '< 1e-99' if value < 1e-99 else f'{value:.2g}',
+                      'sentence': lambda text: text[:1].upper() + text[1:]}
     series_parts = [part for part in ('train', 'test')
                     if all(part in row['before']['free_run'] for row in summary['series'])]
-    return environment.get_template('trace_page.html').render(
+    return pages.get_template('trace_page.html').render(
         plant=result.plant, unit='' if unit == '1' else unit, named=bool(result.effects),
         changed=result.changed, judged=result.judged,
         summary={**summary, 'effects': _effects(result, summary)},
@@ -42,6 +40,14 @@ def page(result: TraceResult, summary: Mapping[str, Any], provenance: Mapping[st
         parts='parts fitted: {}, held out to test: {}'.format(*result.parts),
         colours={'before': BEFORE, 'after': AFTER}, close=CLOSE, near=NEAR,
         data={item.name: plain(item) for item in illustrations})
+
+
+def environment() -> Environment:
+    """Set up the templates of this folder, for pages that hold their data as JSON."""
+    pages = Environment(loader=PackageLoader('hydro_twin', 'report'), autoescape=True,
+                        undefined=StrictUndefined, trim_blocks=True, lstrip_blocks=True)
+    pages.policies['json.dumps_kwargs'] = {'separators': (',', ':'), 'allow_nan': False}
+    return pages
 
 
 def short(value: float | None) -> str:

@@ -39,10 +39,16 @@ class Announcer:
 
     def diagnostics(self, now: Time, plant: str, statuses: Sequence[Status]) -> None:
         """Say how things stand; the hardware is the plant."""
-        message = DiagnosticArray(status=[
-            DiagnosticStatus(name=f'{self._name}: {status.part}', level=bytes([status.level]),
-                             message=status.message, hardware_id=plant,
-                             values=[KeyValue(key=k, value=v) for k, v in status.values.items()])
-            for status in statuses])
-        message.header.stamp = now.to_msg()
-        self._diagnostics.publish(message)
+        self._diagnostics.publish(diagnostic_array(self._name, now, plant, statuses))
+
+
+def diagnostic_array(name: str, now: Time, plant: str, statuses: Sequence[Status],
+                     ) -> DiagnosticArray:
+    """Write statuses as the node of that name publishes them."""
+    message = DiagnosticArray(status=[
+        DiagnosticStatus(name=f'{name}: {status.part}', level=bytes([status.level]),
+                         message=status.message, hardware_id=plant,
+                         values=[KeyValue(key=k, value=v) for k, v in status.values.items()])
+        for status in statuses])
+    message.header.stamp = now.to_msg()
+    return message

@@ -363,8 +363,9 @@ class TwinNode(LifecycleNode):
         for twin in diagnosis.twins:
             if twin.monitor is not None and (rise := twin.monitor.judge()) is not None:
                 self._announcer.event(
-                    'refit', model=twin.name, begin=rise.begin, end=rise.end, rms=rise.rms,
-                    promised=rise.promised, topics=[feed.topic for feed in diagnosis.live.feeds])
+                    'refit', model=twin.name, begin=rise.begin, settled=rise.settled,
+                    end=rise.end, rms=rise.rms, promised=rise.promised,
+                    topics=[feed.topic for feed in diagnosis.live.feeds])
         statuses = diagnosis.inactive() if self._timer is None else diagnosis.statuses(
             now.nanoseconds, elapsed, self._topics.publishers())
         self._announcer.diagnostics(now, diagnosis.twins[0].predictor.plant.name, statuses)

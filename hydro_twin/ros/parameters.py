@@ -1,14 +1,14 @@
 """The parameters of the node in ROS: declared, checked, and where the signals of a plant are."""
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 from rcl_interfaces.msg import FloatingPointRange, ParameterDescriptor
 from rclpy.node import Node
 from rclpy.parameter import Parameter
 
-from hydro_twin.live.settings import SETTINGS
+from hydro_twin.live.settings import Setting, SETTINGS
 from hydro_twin.plants import Plant, plant_named
 from hydro_twin.recording.signals import default_config, load_parameters, signal_maps, SignalMap
 
@@ -16,9 +16,9 @@ OFFLINE = ('constants.', 'sample_time')   # of the same file, for the offline ve
 PREFIX = 'signals.'
 
 
-def declare_parameters(node: Node) -> None:
+def declare_parameters(node: Node, settings: Sequence[Setting] = SETTINGS) -> None:
     """Declare the parameters that do not hang on the plant."""
-    for setting in SETTINGS:
+    for setting in settings:
         ranges = [FloatingPointRange(from_value=setting.bounds[0], to_value=setting.bounds[1])
                   ] if setting.bounds else []
         node.declare_parameter(
@@ -30,9 +30,9 @@ def declare_parameters(node: Node) -> None:
                 dynamic_typing=bool(ranges)))   # so that 1 will do for 1.0
 
 
-def objection(name: str, value: Any) -> str:
+def objection(name: str, value: Any, settings: Sequence[Setting] = SETTINGS) -> str:
     """Say why a parameter cannot have a value, or ''."""
-    for setting in SETTINGS:
+    for setting in settings:
         if setting.name == name:
             return setting.objection(value)
     return ''

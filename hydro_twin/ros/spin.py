@@ -1,13 +1,14 @@
 """Starts the node as a process, and spins it until it is stopped."""
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 import signal
 import sys
 
 import rclpy
 from rclpy.exceptions import ParameterException
 from rclpy.executors import Executor, SingleThreadedExecutor
+from rclpy.node import Node
 from rclpy.signals import SignalHandlerOptions
 
 from hydro_twin.errors import UserError
@@ -26,13 +27,29 @@ def make_executor() -> Executor:
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """Run the node until it is shut down.
+    """Run the live twin until it is shut down.
 
     Args:
         arguments: ROS arguments; by default those of this process.
 
     Raises:
         UserError: it starts itself, and the models or parameters do not allow it.
+    """
+    return run(TwinNode, lambda node: node.start() if node.get_parameter('autostart').value
+               else None, arguments)
+
+
+def run[N: Node](make: Callable[[], N], start: Callable[[N], object],
+                 arguments: Sequence[str] | None) -> int:
+    """Run a node until the process is stopped.
+
+    Args:
+        make: makes it, once there is a context.
+        start: called with it before it is spun.
+        arguments: ROS arguments; None: those of this process.
+
+    Raises:
+        UserError: the parameters do not allow it.
     """
     stopped = False
 
@@ -47,14 +64,13 @@ def main(arguments: Sequence[str] | None = None) -> int:
     try:
         rclpy.init(args=None if arguments is None else [sys.argv[0], *arguments],
                    signal_handler_options=SignalHandlerOptions.NO)
-        node = TwinNode()
+        node = make()
     except (RuntimeError, ParameterException, UserError) as error:   # rcl's are RuntimeErrors
         rclpy.try_shutdown()
         raise UserError(str(error)) from error
     sys.setswitchinterval(SWITCH)
     try:
-        if node.get_parameter('autostart').value:
-            node.start()
+        start(node)
         executor = make_executor()
         executor.add_node(node)
         # spin() of some EventsExecutors hangs under full load; spin_once() does not.

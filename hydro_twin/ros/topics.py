@@ -8,6 +8,7 @@ from typing import Any
 
 from rclpy.exceptions import NameValidationException, ParameterException
 from rclpy.lifecycle import LifecycleNode, LifecyclePublisher
+from rclpy.node import Node
 from rclpy.qos import QoSProfile, ReliabilityPolicy
 from rclpy.qos_overriding_options import QoSOverridingOptions
 from rclpy.subscription import Subscription
@@ -42,9 +43,10 @@ def blamed(topic: str) -> Iterator[None]:
 class Topics:
     """Makes subscriptions and publishers, and takes them away."""
 
-    def __init__(self, node: LifecycleNode) -> None:
-        """Make nothing yet."""
-        self._node = node
+    def __init__(self, node: LifecycleNode | Node, depth: int = DEPTH) -> None:
+        """Make nothing yet; `depth` is how many messages of an input may wait."""
+        self._node: Any = node     # one with a lifecycle, where it has outputs
+        self._depth = depth
         self._given: dict[str, str] = {}   # resolved name -> as it was given
         self._inputs: dict[str, Subscription] = {}
         self._outputs: list[LifecyclePublisher] = []
@@ -81,7 +83,7 @@ class Topics:
         with blamed(feed.topic):
             self._inputs[feed.topic] = self._node.create_subscription(
                 message_class(feed.type), self._given[feed.topic], callback,
-                QoSProfile(depth=DEPTH, reliability=ReliabilityPolicy.BEST_EFFORT), raw=True,
+                QoSProfile(depth=self._depth, reliability=ReliabilityPolicy.BEST_EFFORT), raw=True,
                 qos_overriding_options=OVERRIDES)
 
     def outlet(self, twin: Twin) -> Outlet:

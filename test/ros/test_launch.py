@@ -17,6 +17,7 @@ import pytest
 
 from hydro_twin.commands.registry import verbs
 from hydro_twin.commands.verb import Verb
+from hydro_twin.keep.settings import SETTINGS as KEEP
 from hydro_twin.live.settings import SETTINGS
 from hydro_twin.plants import PLANTS
 from hydro_twin.share import share_folder
@@ -98,6 +99,20 @@ def test_the_launch_file_sets_parameters_that_the_node_declares(launched: Any) -
     config, values = node(launched, config='my_rig.yaml', plant='cylinder').words['parameters']
     assert config == 'my_rig.yaml'
     assert 'plant' in values
+
+
+def test_keep_is_launched_beside_the_node_with_parameters_that_it_declares(launched: Any) -> None:
+    context = {name: words.get('default_value', '')
+               for name, words in arguments(launched).items()} | {'keep': 'store'}
+    node_, made = launched('twin')['twin'](context)
+    assert type(node_).__name__ == 'LifecycleNode'
+    assert (made.words['package'], made.words['executable']) == ('hydro_twin', 'keep')
+    values, = made.words['parameters']
+    assert set(values) <= {s.name for s in KEEP} | {'use_sim_time'}
+    assert {name: value.args[0].args for name, value in values.items()} == {
+        'store': ('keep',), 'twin': ('name',), 'plant': ('plant',), 'policy': ('policy',),
+        'use_sim_time': ('use_sim_time',)}
+    assert arguments(launched)['policy']['default_value'] == 'observe'
 
 
 def test_the_demonstration_makes_a_folder_when_it_runs_and_takes_it_away(

@@ -1,0 +1,1 @@
+"""The loop that keeps a model true, without ROS: capture, trace, judge, promote, go back."""

@@ -1,0 +1,192 @@
+"""Which two versions are judged against each other, and what follows from the evidence."""
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from typing import Any
+
+from hydro_twin.errors import ModelError
+from hydro_twin.keep.duel import Duel, Rules
+from hydro_twin.keep.follow import BY
+from hydro_twin.keep.jobs import Jobs
+from hydro_twin.keep.settings import AUTO, OBSERVE
+from hydro_twin.live.models import Choice, load_twin, same_inputs
+from hydro_twin.live.twin import Twin
+from hydro_twin.store.store import Store
+from hydro_twin.store.version import CONFIRMED, DISCARDED, PROMOTED, RECOMMENDED, Version
+
+TRIAL, PROBATION = 'trial', 'probation'
+
+
+@dataclass(frozen=True)
+class Pair:
+    """Two versions: in a trial `other` is the challenger, on probation the predecessor."""
+
+    kind: str
+    champion: Version
+    other: Version
+
+
+class Judge:
+    """Loads two versions, runs them side by side, and carries out what the evidence says.
+
+    Attributes:
+        pair: what is judged, or about to be.
+        duel: of the pair, once its models are loaded.
+    """
+
+    def __init__(self, store: Store, get: Callable[[str], Any], jobs: Jobs,
+                 announce: Callable[..., object]) -> None:
+        """Judge nothing yet.
+
+        Args:
+            store: of the versions.
+            get: the value of a parameter.
+            jobs: to load models in.
+            announce: called with the name of an event and what is to be said of it.
+        """
+        self.store, self.get, self.jobs, self.announce = store, get, jobs, announce
+        self.pair: Pair | None = None
+        self.duel: Duel | None = None
+        self._champion = ''
+
+    def notice(self, champion: Version) -> bool:
+        """Take note of the champion; whether it is another one than before.
+
+        A challenger whose trial was not ended is judged (again), else the champion on probation.
+        """
+        if champion.name == self._champion:
+            return False
+        self._champion = champion.name
+        self.drop()
+        challenger = self.store.challenger
+        if challenger is not None and challenger.decisions[-1]['what'] not in (
+                RECOMMENDED, DISCARDED):
+            self.pair = Pair(TRIAL, champion, challenger)
+            return True
+        predecessor = self.store.predecessor()
+        if (self.get('probation') > 0.0 and predecessor is not None
+                and champion.decisions[-1]['what'] == PROMOTED):
+            self.pair = Pair(PROBATION, champion, predecessor)
+        return True
+
+    def challenge(self, champion: Version, challenger: Version) -> None:
+        """Judge a new challenger, instead of what is judged now."""
+        self.drop()
+        self.pair = Pair(TRIAL, champion, challenger)
+
+    def drop(self) -> None:
+        """Judge nothing."""
+        self.pair = self.duel = None
+
+    @property
+    def tries(self) -> bool:
+        """Whether a challenger is on trial."""
+        return self.pair is not None and self.pair.kind == TRIAL
+
+    def work(self, mode: str | None) -> None:
+        """Load what is to be judged in a mode, or judge it; None where no mode is known yet."""
+        if self.pair is None:
+            return
+        if self.duel is None:
+            if mode is not None and not self.jobs.busy('load'):
+                self._load(self.pair, mode)
+            return
+        self.duel.rules = self._rules()
+        if self.pair.kind == TRIAL:
+            self._try(self.pair, self.duel)
+        else:
+            self._watch(self.pair, self.duel)
+
+    def _rules(self) -> Rules:
+        return Rules(self.get('alpha'), self.get('gain'), self.get('trial_least'))
+
+    def _load(self, pair: Pair, mode: str) -> None:
+        def load() -> tuple[Twin, Twin]:
+            """Make both ready to step."""
+            one, other = (load_twin(Choice(version.name, version.model_file), mode)
+                          for version in (pair.champion, pair.other))
+            same_inputs(other, one)
+            return one, other
+
+        def ready(twins: tuple[Twin, Twin]) -> None:
+            if self.pair is pair:
+                self.duel = Duel(*twins, self._rules())
+
+        def failed(error: Exception) -> None:
+            if self.pair is pair:
+                self.drop()
+                if pair.kind == TRIAL:
+                    self._discard(pair, None, f'it cannot be run: {error}')
+            if not isinstance(error, ModelError):
+                raise error
+
+        self.jobs.start('load', load, ready, failed)
+
+    def _try(self, pair: Pair, duel: Duel) -> None:
+        outcome, evidence = duel.outcome, duel.evidence()
+        if outcome == 'better':
+            policy = self.get('policy')
+            self.drop()
+            if policy == AUTO:
+                self.promote(pair.other, f'{BY}, policy {policy}', evidence)
+            else:
+                self.store.decide(pair.other.name, RECOMMENDED, f'{BY}, policy {policy}', evidence)
+                self.announce('recommended', version=pair.other.name, evidence=evidence,
+                              changed=pair.other.record['changed'])
+        elif outcome == 'worse':
+            self._discard(pair, evidence, 'its residual is larger than that of the champion')
+        elif duel.seconds >= self.get('trial'):
+            self._discard(pair, evidence, f'no better within {duel.seconds:.0f} s')
+
+    def _discard(self, pair: Pair, evidence: Mapping[str, Any] | None, why: str) -> None:
+        self.drop()
+        self.store.decide(pair.other.name, DISCARDED, BY, evidence, why)
+        self.announce('discarded', version=pair.other.name, why=why, evidence=evidence)
+
+    def promote(self, version: Version, by: str, evidence: Mapping[str, Any] | None) -> None:
+        """Make a version the champion."""
+        self.store.promote(version.name, by, evidence)
+        self.announce('promoted', version=version.name, by=by, evidence=evidence,
+                      changed=version.record['changed'])
+
+    def _watch(self, pair: Pair, duel: Duel) -> None:
+        """Judge a champion on probation: here the challenger is its predecessor."""
+        outcome, evidence = duel.outcome, duel.evidence()
+        if outcome == 'better':
+            self.drop()
+            if self.get('policy') == OBSERVE:
+                self.announce('worse', version=pair.champion.name, evidence=evidence,
+                              than=pair.other.name)
+            else:
+                self.go_back(BY, evidence, 'its predecessor is better')
+        elif outcome == 'worse':
+            self.drop()
+            self.store.decide(pair.champion.name, CONFIRMED, BY, evidence)
+            self.announce('confirmed', version=pair.champion.name, evidence=evidence)
+        elif duel.seconds >= self.get('probation'):
+            self.drop()
+
+    def go_back(self, by: str, evidence: Mapping[str, Any] | None = None, why: str = '',
+                ) -> Version:
+        """Make the predecessor the champion again.
+
+        Raises:
+            StoreError: there is none.
+        """
+        version = self.store.roll_back(by, evidence, why)
+        self.announce('rolled_back', version=version.name, by=by, why=why, evidence=evidence)
+        return version
+
+    def says(self) -> str:
+        """Say what is judged, in a few words; '' where nothing is."""
+        if self.pair is None:
+            return ''
+        one, other = self.pair.champion.name, self.pair.other.name
+        what = (f'judging challenger {other} against {one}' if self.pair.kind == TRIAL else
+                f'judging champion {one} against its predecessor {other}')
+        if self.duel is None:
+            return f'{what}: loading'
+        evidence = self.duel.evidence()
+        return (f'{what}: {evidence["seconds"]:.0f} s, evidence {evidence["e_value"]:.3g} for and '
+                f'{evidence["against"]:.3g} against, of {evidence["needed"]:g}')

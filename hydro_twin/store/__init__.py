@@ -1,0 +1,1 @@
+"""The models of one rig over its life: versions in a folder, which of them runs, and why."""

@@ -1,0 +1,276 @@
+"""The loop without ROS: from an event to a promotion, and what else may happen on the way."""
+from __future__ import annotations
+
+import json
+from pathlib import Path
+import shutil
+import time
+
+import pytest
+from rosbags.typesys import get_typestore, Stores
+from store_models import write
+
+from hydro_twin.errors import UserError
+from hydro_twin.keep import keeper as module
+from hydro_twin.keep.keeper import Keeper
+from hydro_twin.keep.ring import SECOND
+from hydro_twin.keep.settings import SETTINGS
+from hydro_twin.keep.tracing import TraceError
+from hydro_twin.recording.digest import source_of
+from hydro_twin.store.store import Store
+
+STORE = get_typestore(Stores.ROS2_JAZZY)
+STRING = 'std_msgs/msg/String'
+FRICTION = [('friction', 'motor', {'coulomb': (10.0, 0.1)})]
+REFIT = {'event': 'refit', 'model': '', 'rms': 3.0, 'promised': 1.0}
+
+
+class Loop:
+    """A keeper with a twin that runs whatever it is asked to, and a trace that finds friction."""
+
+    def __init__(self, folder: Path, monkeypatch: pytest.MonkeyPatch, **values: object) -> None:
+        self.folder = folder
+        self.values = {s.name: s.default for s in SETTINGS} | {
+            'after': 5.0, 'policy': 'auto', 'trial_least': 0.0, 'trial': 60.0} | values
+        self.told: list[tuple[str, dict[str, object]]] = []
+        self.asked: list[Path] = []
+        self.refusal = ''
+        self.finds: Path | None = write(folder / 'found.yaml', FRICTION)
+        self.now = 1000 * SECOND
+        self.first = write(folder / 'first.yaml')
+        monkeypatch.setattr(module, 'trace', self._trace)
+        self.start()
+        self.runs(self.first)
+
+    def start(self) -> None:
+        self.keeper = Keeper(Store(self.folder / 'store'), self.values.__getitem__,
+                             lambda event, **about: self.told.append((event, about)),
+                             self.asked.append)
+        self.keeper.topics['/a'] = STRING, False
+        self.keeper.signals = {'u_m': None}
+
+    def runs(self, path: Path) -> None:
+        self.keeper.informed([{'name': '', 'path': str(path), 'mode': 'free_run',
+                               'sha256': source_of(path).sha256}])
+
+    def _trace(self, captured, champion, signals, bounds, stop) -> Path:
+        if self.finds is None:
+            raise TraceError('it holds no 3 samples in a row')
+        shutil.copy(self.finds, captured.folder / 'model.yaml')
+        return captured.folder
+
+    def tick(self, seconds: float = 1.0) -> None:
+        """Let some time pass, with a message a second and a twin that obeys."""
+        for _ in range(round(seconds)):
+            self.now += SECOND
+            self.keeper.ring.add('/a', self.now, self.now, STORE.serialize_cdr(
+                STORE.types[STRING]('x'), STRING))
+            self.keeper.tick(self.now)
+            while self.asked:
+                path = self.asked.pop()
+                if self.refusal:
+                    self.keeper.answered(self.refusal)
+                else:
+                    self.runs(path)
+
+    def until(self, condition) -> None:
+        """Tick until something is so; jobs are threads, which take their time."""
+        end = time.monotonic() + 60.0
+        while not condition():
+            assert time.monotonic() < end, (self.said(), self.told)
+            self.tick()
+            time.sleep(0.01)
+
+    def events(self) -> list[str]:
+        return [event for event, _ in self.told]
+
+    def said(self) -> str:
+        return self.keeper.status(self.now).message
+
+    def judged(self, champion: float, other: float, seconds: float = 30.0) -> None:
+        """Wait for a duel, and give it squared residuals."""
+        self.until(lambda: self.keeper.judge.duel is not None)
+        for k in range(round(seconds * 500)):
+            self.keeper.judge.duel.take(champion * (1 + k % 3), other * (1 + k % 3))
+        self.tick()
+
+    def champion(self) -> str:
+        return self.keeper.store.champion.name
+
+
+@pytest.fixture
+def loop(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+    made = Loop(tmp_path, monkeypatch)
+    yield made
+    made.keeper.jobs.end(5.0)
+
+
+def test_an_event_becomes_a_promotion_that_is_confirmed(loop: Loop) -> None:
+    loop.tick(3)
+    assert loop.champion() == '0001'        # what the twin ran
+    assert loop.said() == 'idle'
+    loop.keeper.refit(loop.now, REFIT)
+    loop.tick()
+    assert 'capturing, 4 s to come' in loop.said()
+    loop.until(lambda: 'traced' in loop.events())
+    assert loop.keeper.store.challenger.name == '0002'
+    assert 'judging challenger 0002 against 0001' in loop.said()
+    loop.judged(4.0, 1.0)
+    assert loop.champion() == '0002'
+    (about,) = [about for event, about in loop.told if event == 'promoted']
+    assert about['changed'] == 'motor friction (coulomb 10 N m) appeared'
+    assert about['evidence']['e_value'] > 100.0
+    loop.tick(2)
+    assert loop.keeper.twin.runs['path'].endswith('models/0002/model.yaml')
+    loop.judged(1.0, 4.0)       # the champion against its predecessor
+    assert loop.events()[-1] == 'confirmed'
+    assert loop.said() == 'idle'
+    record = loop.keeper.store.version('0002').record
+    assert record['bag']['sha256'] == source_of(
+        loop.folder / 'store' / record['bag']['path']).sha256
+
+
+def test_a_champion_that_does_worse_goes_back(loop: Loop) -> None:
+    loop.keeper.ask(loop.now, 'a test')
+    loop.judged(4.0, 1.0)
+    assert loop.champion() == '0002'
+    loop.judged(4.0, 1.0)       # now the predecessor is the better one
+    assert loop.champion() == '0001'
+    loop.tick(2)
+    assert loop.keeper.twin.runs['path'].endswith('models/0001/model.yaml')
+    last = loop.keeper.store.version('0002').decisions[-1]
+    assert (last['what'], last['why']) == ('rolled back', 'its predecessor is better')
+
+
+@pytest.mark.parametrize(('ours', 'theirs', 'why'), [
+    (1.0, 4.0, 'its residual is larger'), (1.0, 1.0, 'no better within 62 s')])
+def test_a_challenger_that_is_no_better_is_discarded(loop: Loop, ours, theirs, why) -> None:
+    loop.keeper.ask(loop.now, 'a test')
+    loop.judged(ours, theirs, 62.0)
+    assert loop.champion() == '0001'
+    assert loop.keeper.store.challenger is None
+    last = loop.keeper.store.version('0002').decisions[-1]
+    assert last['what'] == 'discarded'
+    assert last['why'].startswith(why)
+
+
+@pytest.mark.parametrize('policy', ['observe', 'ask'])
+def test_without_auto_a_person_promotes(loop: Loop, policy: str) -> None:
+    loop.values['policy'] = policy
+    loop.tick(2)
+    loop.keeper.ask(loop.now, 'a test')
+    loop.judged(4.0, 1.0)
+    assert (loop.champion(), loop.events()[-1]) == ('0001', 'recommended')
+    loop.tick()
+    assert 'challenger 0002 waits to be promoted' in loop.said()
+    if policy == 'observe':
+        with pytest.raises(UserError, match='policy is observe'):
+            loop.keeper.promote('me')
+        with pytest.raises(UserError, match='policy is observe'):
+            loop.keeper.roll_back('me')
+        # By the verb, the store is as the person wants it; the twin is left alone.
+        loop.keeper.store.promote('challenger', 'me')
+        loop.tick(30)
+        assert loop.keeper.twin.runs['path'] == str(loop.first)
+        assert 'the twin does not run the champion' in loop.said()
+        return
+    assert loop.keeper.promote('me') == 'version 0002 is the champion'
+    loop.tick(2)
+    assert loop.keeper.twin.runs['path'].endswith('models/0002/model.yaml')
+    assert loop.keeper.roll_back('me') == 'version 0001 is the champion again'
+    loop.tick(2)
+    assert loop.keeper.twin.runs['path'].endswith('models/0001/model.yaml')
+
+
+def test_a_trace_that_fails_is_one_line_and_the_next_event_is_not_lost(loop: Loop) -> None:
+    found, loop.finds = loop.finds, None
+    loop.tick(2)
+    loop.keeper.ask(loop.now, 'one')
+    loop.until(lambda: 'failed' in loop.events())
+    assert 'it holds no 3 samples in a row' in loop.said()
+    assert '\n' not in loop.said()
+    (outcome,) = (loop.folder / 'store' / 'captures').glob('*/outcome.json')
+    assert json.loads(outcome.read_text())['outcome'].startswith('failed')
+    loop.finds = found
+    loop.keeper.ask(loop.now, 'two')
+    loop.until(lambda: loop.keeper.judge.tries)
+    assert 'it holds no' not in loop.said()
+    loop.keeper.ask(loop.now, 'three')      # while one is judged
+    loop.until(lambda: len(loop.keeper.waiting) == 1)
+    assert '1 captures to trace' in loop.said()
+    loop.judged(1.0, 4.0)
+    loop.until(lambda: loop.events().count('traced') == 2)
+    assert loop.keeper.store.challenger.name == '0003'
+
+
+def test_after_a_restart_it_goes_on(loop: Loop) -> None:
+    loop.tick(2)
+    loop.keeper.ask(loop.now, 'a test')
+    loop.until(lambda: loop.keeper.judge.tries)
+    loop.keeper.ask(loop.now, 'another')
+    loop.until(lambda: bool(loop.keeper.waiting))
+    loop.start()                            # as after a kill, while a challenger is judged
+    assert len(loop.keeper.waiting) == 1
+    loop.finds = None                       # so that nothing comes of it
+    loop.runs(loop.first)
+    loop.judged(4.0, 1.0)
+    assert loop.champion() == '0002'
+    loop.until(lambda: 'failed' in loop.events())
+    loop.start()
+    loop.runs(loop.first)                   # a twin that was started with its old model
+    loop.tick(3)
+    assert loop.keeper.twin.runs['path'].endswith('models/0002/model.yaml')
+    assert 'judging champion 0002 against its predecessor 0001' in loop.said()
+
+
+def test_a_model_that_the_twin_refuses_is_taken_back(loop: Loop) -> None:
+    loop.tick(2)
+    loop.refusal = 'no section `observer`'
+    loop.keeper.ask(loop.now, 'a test')
+    loop.judged(4.0, 1.0)
+    loop.tick(2)
+    assert loop.champion() == '0001'
+    assert 'refuses version 0002: no section' in loop.said()
+
+
+def test_where_the_model_still_does_not_hold_another_capture_follows(loop: Loop) -> None:
+    loop.values['again'] = 100.0
+    loop.finds = None
+    loop.tick(2)
+    loop.keeper.refit(loop.now, REFIT)
+    loop.until(lambda: 'failed' in loop.events())
+    loop.tick(90)
+    assert loop.events().count('captured') == 1
+    loop.until(lambda: loop.events().count('failed') == 2)
+    loop.values['again'] = 0.0
+    loop.tick(300)
+    assert loop.events().count('captured') == 2
+
+
+def test_a_store_that_is_damaged_meanwhile_is_told_and_survived(loop: Loop) -> None:
+    loop.tick(2)
+    alias = loop.folder / 'store' / 'champion'
+    alias.write_text('nonsense')
+    loop.tick(2)
+    assert loop.said().endswith('is no version of this store')
+    assert loop.events().count('fault') == 1
+    alias.write_text('0001\n')
+    loop.tick(2)
+    assert (loop.champion(), loop.said()) == ('0001', 'idle')
+
+
+def test_the_stretch_begins_when_the_rise_has_settled(loop: Loop) -> None:
+    for k in range(100):
+        loop.keeper.passed(loop.now + k * SECOND, 5000 * SECOND + 3 * k * SECOND)
+    now = loop.now + 100 * SECOND
+    loop.keeper.refit(now, REFIT | {'settled': 5000 * SECOND + 150 * SECOND})
+    assert loop.keeper.capture.wanted.begin == loop.now + 50 * SECOND
+    # An alarm in the first batch of the rise: what comes from now on.
+    loop.keeper.capture.wanted = None
+    loop.keeper.refit(now, REFIT | {'settled': 9000 * SECOND})
+    again = loop.keeper.capture.wanted
+    assert again is not None
+    assert again.begin == now
+    loop.keeper.capture.wanted = None
+    loop.keeper.refit(now, REFIT | {'model': 'beside'})
+    assert loop.keeper.capture.wanted is None
