@@ -17,6 +17,7 @@ from hydro_twin.errors import UserError
 RETRIES = 1             # of a task that raises
 DEATHS = 1              # of workers that a task outlives; at the next it is given up
 CONNECT = '10s'         # to wait for a scheduler
+PRELOAD = 'hydro_twin.fleet.worker'
 
 
 @contextmanager
@@ -36,7 +37,6 @@ def dask_executor(scheduler: str, workers: int | None, say: Callable[[str], None
     import dask
     from distributed import Client, LocalCluster
 
-    # An unguarded script that starts a cluster would start it again in every worker.
     settings = {'distributed.scheduler.allowed-failures': DEATHS,
                 'distributed.worker.profile.enabled': False}
     with ExitStack() as stack:
@@ -50,7 +50,7 @@ def dask_executor(scheduler: str, workers: int | None, say: Callable[[str], None
             cluster = stack.enter_context(LocalCluster(
                 n_workers=workers or len(os.sched_getaffinity(0)), threads_per_worker=1,
                 processes=True, host='127.0.0.1', dashboard_address='127.0.0.1:0',
-                silence_logs=logging.CRITICAL))
+                preload=[PRELOAD], silence_logs=logging.CRITICAL))
             client = Client(cluster)
         stack.enter_context(client)
         say(f'dashboard: {client.dashboard_link}')

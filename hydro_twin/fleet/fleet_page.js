@@ -88,7 +88,7 @@ function draw(canvas, rig) {
     context.fillStyle = '#666';
     context.fillText(panel.name.replace(/ at .*: /, ' '), left, PANEL.top - 4, right - left);
     const points = rig.points[k].filter(([, value]) => !panel.log || value > 0);
-    const colour = rig.far[k] ? '#b2182b' : '#1b6e4a';
+    const colour = rig.out[k] ? '#b2182b' : '#1b6e4a';
     context.fillStyle = context.strokeStyle = colour;
     context.beginPath();
     points.forEach(([time, value], n) =>

@@ -217,6 +217,7 @@ def _disagreements(tasks: Sequence[Task]) -> list[str]:
         for what in ('plant', 'group'):
             if len(values := sorted({str(getattr(task, what)) for task in own})) > 1:
                 said.append(f'rig {rig} has more than one {what}: {", ".join(values)}')
+                break               # the plant stands for a group that is not given
         bags = [bag for task in own for bag in task.bags]
         said += [f'rig {rig} has {bag} in more than one period'
                  for bag in dict.fromkeys(bags) if bags.count(bag) > 1]

@@ -10,7 +10,6 @@ from hydro_twin.report.page import NOT_KNOWN, short, spread
 
 PANELS = 6              # small multiples of a rig at most: the parameters that most rigs have
 REPORTS = 12            # links to periods of a rig at most, the last ones
-FAR = 3.0               # score from which a rig stands out
 DIGITS = 5
 
 
@@ -26,10 +25,9 @@ def page(fleet: Mapping[str, Any]) -> str:
     panels = {group: sorted(usual, key=lambda name: -usual[name]['rigs'])[:PANELS]
               for group, usual in fleet['groups'].items()}
     return environment.get_template('fleet_page.html').render(
-        fleet=fleet, rigs=fleet['rigs'], groups=fleet['groups'], far=FAR, reports=REPORTS,
+        fleet=fleet, rigs=fleet['rigs'], groups=fleet['groups'], reports=REPORTS,
         labels=sorted({label for rig in fleet['rigs'] for label in rig['labels']}),
-        count={'far': sum(bool(rig['score']) and abs(rig['score']['value']) >= FAR
-                          for rig in fleet['rigs']),
+        count={'out': sum(bool(rig['score']) and rig['score']['out'] for rig in fleet['rigs']),
                'failed': sum(bool(rig['problems']) for rig in fleet['rigs'])},
         width=max(map(len, panels.values()), default=0), data=_data(fleet, panels))
 
@@ -41,9 +39,8 @@ def _data(fleet: Mapping[str, Any], panels: Mapping[str, list[str]]) -> dict[str
         usual = fleet['groups'][group]
         groups[group] = [{'name': name, **{key: _few(usual[name][key]) for key in
                                            ('log', 'mean', 'spread')}} for name in names]
-    rigs = [{'group': rig['group'], 'far': [
-        abs(rig['usual'].get(name, {}).get('score') or 0.0) >= FAR
-        for name in panels[rig['group']]], 'points': [
+    rigs = [{'group': rig['group'], 'out': [
+        rig['usual'].get(name, {}).get('out', False) for name in panels[rig['group']]], 'points': [
         [[period['date'][:10], _few(one['value']), _few(one['std_error'])]
          for period in rig['periods'] if (one := period['estimates'].get(name))]
         for name in panels[rig['group']]]} for rig in fleet['rigs']]

@@ -57,6 +57,7 @@ def trace_fleet(manifest: Path | str, folder: Path | str, *, executor: Executor 
     say(f'{len({task.rig for task in tasks})} rigs, {len(tasks)} traces')
     outcomes: list[Outcome | None] = [None] * len(tasks)
     with ExitStack() as stack:
+        stack.callback(store.sweep, folder)     # of workers that end with the engine
         engine = executor or stack.enter_context(dask_executor(scheduler, workers, say))
         tell = _Teller(len(tasks), say)
         for k, came in work(partial(run, folder=folder, seed=seed), tasks, engine):

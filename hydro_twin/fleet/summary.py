@@ -2,13 +2,14 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from datetime import datetime
 from importlib.metadata import version
 import math
 from typing import Any
 
 import numpy as np
-from scipy.stats import norm
+from scipy.stats import chi2, norm
 from scipy.stats import t as student
 
 from hydro_twin.fleet.manifest import Task
@@ -17,8 +18,10 @@ from hydro_twin.fleet.store import RESULTS
 from hydro_twin.fleet.task import Outcome
 from hydro_twin.plants.plant import FloatArray
 
+CHANCE = 0.05           # that a fleet has a rig marked which is as the others
 TREND = 3.0             # score from which a trend is shown
 PERIODS = 3             # at least, for a trend
+RIGS = 3                # at least, to say how well a measurement repeats
 YEAR = 365.25 * 86400.0  # [s]
 
 Row = dict[str, Any]
@@ -48,6 +51,7 @@ def summarise(done: Sequence[tuple[Task, Outcome]]) -> dict[str, Any]:
     for row in rows:
         groups.setdefault(row['group'], []).append(row)
     usual = {group: compare(members) for group, members in sorted(groups.items())}
+    _mark(rows, usual)
     for row in rows:
         row['score'] = _farthest(row)
         row['trend'] = _trend(row, usual[row['group']])
@@ -92,7 +96,7 @@ def compare(rigs: Sequence[Row]) -> dict[str, dict[str, Any]]:
 
     Returns:
         Parameter -> what is usual: mean (geometric where `log`), spread between rigs (of the
-        logarithm where `log`), number of rigs, unit.
+        logarithm where `log`), number of rigs, unit, repeatability.
     """
     known = [rig for rig in rigs if rig['periods']]
     last = {rig['rig']: rig['periods'][-1]['estimates'] for rig in known}
@@ -106,12 +110,14 @@ def compare(rigs: Sequence[Row]) -> dict[str, dict[str, Any]]:
         usual[name] = {
             'log': log, 'mean': math.exp(found.mean) if log else found.mean,
             'std_error': found.std_error, 'spread': found.spread, 'rigs': len(having),
-            'unit': last[having[0]['rig']][name]['unit']}
+            'unit': last[having[0]['rig']][name]['unit'],
+            'repeatability': repeatability(known, name, log)}
         for k, rig in enumerate(having):
             mean = math.exp(found.values[k]) if log else float(found.values[k])
             rig['usual'][name] = {
                 'value': mean, 'std_error': float(found.errors[k]) * (mean if log else 1.0),
-                'score': None if np.isnan(found.scores[k]) else float(found.scores[k])}
+                'score': None if np.isnan(found.scores[k]) else float(found.scores[k]),
+                'out': False}
     for rig in known if len(known) > 2 else ():
         for effect in rig['effects']:
             others = [other for other in known if other is not rig]
@@ -121,51 +127,110 @@ def compare(rigs: Sequence[Row]) -> dict[str, dict[str, Any]]:
     return usual
 
 
+def _mark(rigs: Sequence[Row], usual: Mapping[str, Mapping[str, Any]]) -> None:
+    """Mark the scores that stand out: one in twenty fleets has such a score by chance.
+
+    The spread of a small group is known from few rigs, which Student's distribution allows for.
+    """
+    scores = [(one, usual[rig['group']][name]['rigs']) for rig in rigs
+              for name, one in rig['usual'].items() if one['score'] is not None]
+    limit = {n: float(student.isf(CHANCE / (2 * len(scores)), n - 2)) for _, n in scores}
+    for one, n in scores:
+        one['out'] = abs(one['score']) >= limit[n]
+
+
 def _farthest(rig: Row) -> dict[str, Any] | None:
-    """Return the score that is farthest from zero, and of what it is."""
+    """Return the score that is farthest from zero, of what it is, and whether it stands out."""
     scores = {name: one['score'] for name, one in rig['usual'].items()
               if one['score'] is not None} | rig['rare']
     if not scores:
         return None
     name = max(scores, key=lambda name: abs(scores[name]))
-    return {'name': name, 'value': scores[name]}
+    return {'name': name, 'value': scores[name],
+            'out': bool(rig['usual'].get(name, {}).get('out', False))}
 
 
 def _trend(rig: Row, usual: Mapping[str, Mapping[str, Any]]) -> dict[str, Any] | None:
     """Return the clearest trend of a rig over its periods; None if none is clear."""
     found = []
-    for name in dict.fromkeys(name for period in rig['periods'] for name in period['estimates']):
-        points = [(_years(period['date']), period['estimates'][name]) for period in rig['periods']
-                  if name in period['estimates'] and period['date']]
-        time = np.array([when for when, _ in points])
-        value, error = (np.array([point[what] for _, point in points])
-                        for what in ('value', 'std_error'))
-        if len(points) < PERIODS or np.ptp(time) == 0.0:
+    for name, one in usual.items():
+        if (points := _over_time(rig, name, one['log'])) is None:
             continue
-        log = bool((value > 0.0).all()) and usual.get(name, {}).get('log', True)
-        slope, spread, score = line(time, np.log(value) if log else value,
-                                    error / value if log else error)
+        slope, error, score = line(*points).scored(one['repeatability'])
         if abs(score) >= TREND:
-            found.append({'name': name, 'log': log, 'score': score, 'std_error': spread,
-                          'per_year': math.expm1(slope) if log else slope,
-                          'unit': points[0][1]['unit']})
+            found.append({'name': name, 'log': one['log'], 'score': score, 'std_error': error,
+                          'per_year': math.expm1(slope) if one['log'] else slope,
+                          'unit': one['unit']})
     return max(found, key=lambda one: abs(one['score']), default=None)
 
 
-def line(x: FloatArray, y: FloatArray, s: FloatArray) -> tuple[float, float, float]:
-    """Fit a straight line by weighted least squares.
+def repeatability(rigs: Sequence[Row], name: str, log: bool) -> float | None:
+    """Say how much more a parameter scatters from period to period than its standard errors say.
 
-    Where the points scatter more than their standard errors say, these are taken as too small by
-    one factor (R. T. Birge, Phys. Rev. 40 (1932) 207-227).
+    Two recordings of a rig differ by more than the noise within each: it is warmer, or moves
+    otherwise. Few periods of one rig do not show by how much; those of its group do. The median
+    over the rigs leaves out one that does not follow a line.
+
+    Returns:
+        The factor for the variance, one at least; None from fewer than three rigs.
+    """
+    lines = [line(*points) for rig in rigs
+             if (points := _over_time(rig, name, log)) is not None]
+    ratios = [one.ratio * one.free / chi2.median(one.free) for one in lines]
+    return max(1.0, float(np.median(ratios))) if len(ratios) >= RIGS else None
+
+
+def _over_time(rig: Row, name: str, log: bool) -> tuple[FloatArray, FloatArray, FloatArray] | None:
+    """Return time [years], values and standard errors of a parameter; None if too few."""
+    points = [(datetime.fromisoformat(period['date']).timestamp() / YEAR, one['value'],
+               one['std_error']) for period in rig['periods']
+              if (one := period['estimates'].get(name)) and period['date']
+              and (one['value'] > 0.0 or not log)]
+    if len(points) < PERIODS or len({when for when, _, _ in points}) < PERIODS:
+        return None
+    time, value, error = np.array(points).T
+    return (time, np.log(value), error / value) if log else (time, value, error)
+
+
+@dataclass(frozen=True)
+class Line:
+    """A straight line through the periods of a rig.
+
+    Attributes:
+        slope: a year.
+        std_error: of the slope, as the standard errors of the points have it.
+        ratio: of the squares of the residuals to what the standard errors say.
+        free: degrees of freedom.
+    """
+
+    slope: float
+    std_error: float
+    ratio: float
+    free: int
+
+    def scored(self, factor: float | None) -> tuple[float, float, float]:
+        """Return the slope, its standard error, and its score, a quantile of the normal.
+
+        Args:
+            factor: for the variance of the points; None: by how much they scatter, with
+                Student's distribution, since that is then known from few points only
+                (R. T. Birge, Phys. Rev. 40 (1932) 207-227).
+        """
+        if factor is not None:
+            error = self.std_error * math.sqrt(factor)
+            return self.slope, error, self.slope / error
+        error = self.std_error * math.sqrt(max(1.0, self.ratio))
+        tail = student.sf(abs(self.slope) / error, self.free)
+        return self.slope, error, math.copysign(float(norm.isf(max(tail, 1e-300))), self.slope)
+
+
+def line(x: FloatArray, y: FloatArray, s: FloatArray) -> Line:
+    """Fit a straight line by weighted least squares.
 
     Args:
         x: (n,), n >= 3.
         y: (n,).
         s: (n,), standard errors.
-
-    Returns:
-        (slope, its standard error, score): the quantile of the normal distribution with the
-        p-value of the slope, of Student's distribution where the factor was estimated.
     """
     w = s ** -2
     x = x - np.average(x, weights=w)
@@ -173,13 +238,4 @@ def line(x: FloatArray, y: FloatArray, s: FloatArray) -> tuple[float, float, flo
     mean = np.average(y, weights=w)
     slope = float(w @ (x * y)) / squares
     free = len(x) - 2
-    ratio = float(w @ (y - mean - slope * x) ** 2) / free
-    error = math.sqrt(max(1.0, ratio) / squares)
-    over = abs(slope) / error
-    score = over if ratio <= 1.0 else float(norm.isf(max(student.sf(over, free), 1e-300)))
-    return slope, error, math.copysign(score, slope)
-
-
-def _years(date: str) -> float:
-    """Count years to a date."""
-    return datetime.fromisoformat(date).timestamp() / YEAR if date else math.nan
+    return Line(slope, squares ** -0.5, float(w @ (y - mean - slope * x) ** 2) / free, free)
