@@ -39,11 +39,11 @@ def key_of(bag):
     return store.key_of([source_of(bag)], rig_of(plant_named(PLANT)), 0)
 
 
-def command(bags, out):
+def command(bags, out, workers=1):
     """Start the verb as a user does, in a session of its own."""
     return subprocess.Popen(
         [sys.executable, '-m', 'hydro_twin.commands.main', 'fleet', bags / 'fleet.csv', '-o', out,
-         '--workers', '2', '--json'], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True,
+         '--workers', str(workers), '--json'], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True,
         start_new_session=True)
 
 
@@ -174,7 +174,7 @@ def test_a_run_that_is_killed_goes_on_where_it_was(bags, by_threads, tmp_path):
     pytest.importorskip('distributed')
     out = tmp_path / 'out'
     with command(bags, out) as first:
-        while len(results(out)) < 2:
+        while not results(out):
             assert first.poll() is None
             time.sleep(0.02)
         os.killpg(first.pid, signal.SIGKILL)
@@ -188,6 +188,17 @@ def test_a_run_that_is_killed_goes_on_where_it_was(bags, by_threads, tmp_path):
     assert 'dashboard: http://127.0.0.1:' in said
     assert not list((out / 'results').glob('.*'))
     assert alike(made) == alike(json.loads(json.dumps(by_threads[1])))
+
+
+def none_left(session, patience=200):
+    """Wait for the last process of a session; what follows up its end takes a moment."""
+    for _ in range(patience):
+        try:
+            os.killpg(session, 0)
+        except ProcessLookupError:
+            return True
+        time.sleep(0.1)
+    return False
 
 
 @pytest.mark.slow
@@ -206,8 +217,7 @@ def test_ctrl_c_leaves_all_that_is_done(bags, tmp_path):
     assert results(out)
     for key in results(out):
         assert store.find(out, key)
-    with pytest.raises(ProcessLookupError):     # nobody of its session is left
-        os.killpg(process.pid, 0)
+    assert none_left(process.pid)
 
 
 def kill_worker_of(key, out, stop, times, killed):
@@ -238,11 +248,11 @@ def killing(bags, out, name, times):
 
 @pytest.mark.slow
 def test_a_killed_worker_is_made_good_and_a_trace_that_kills_each_is_given_up(bags, tmp_path):
-    """One worker dies once, amid rig 1; each that traces rig 3 dies, and the others do not mind."""
+    """One worker dies once, amid rig 1; each that traces rig 3 dies; the others do not mind."""
     pytest.importorskip('distributed')
     with (killing(bags, tmp_path, 'bag_1', 1) as once,
           killing(bags, tmp_path, 'bag_3', 1000) as always):
-        made, said = ended(command(bags, tmp_path))
+        made, said = ended(command(bags, tmp_path, 2))
     rigs = by_rig(made)
     assert len(once) == 1
     assert rigs['rig 1']['problems'] == []
