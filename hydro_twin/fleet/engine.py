@@ -5,7 +5,7 @@ others (https://distributed.dask.org/en/stable/resilience.html).
 """
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Generator, Iterator, Sequence
 from concurrent.futures import as_completed, CancelledError, Executor, Future
 from contextlib import contextmanager, ExitStack
 import logging
@@ -62,7 +62,7 @@ def dask_executor(scheduler: str, workers: int | None, say: Callable[[str], None
 
 
 def work[T, R](function: Callable[[T], R], items: Sequence[T], executor: Executor
-               ) -> Iterator[tuple[int, R | BaseException]]:
+               ) -> Generator[tuple[int, R | BaseException]]:
     """Call a function for each item; yield its index and what came of it, as each is done.
 
     Dask counts the death of a worker against every task that the worker held, also those that

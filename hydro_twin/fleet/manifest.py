@@ -224,4 +224,8 @@ def _disagreements(tasks: Sequence[Task]) -> list[str]:
         given = [task.date for task in own if task.date and not task.measured]
         said += [f'rig {rig} has more than one row of the date {one}'
                  for one in dict.fromkeys(given) if given.count(one) > 1]
+    for group in dict.fromkeys(task.group for task in tasks):
+        if len(plants := sorted({task.plant for task in tasks if task.group == group})) > 1:
+            said.append(f'group {group} has rigs of {" and ".join(plants)}, which cannot be '
+                        'compared')
     return said

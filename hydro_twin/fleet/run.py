@@ -49,16 +49,18 @@ def trace_fleet(manifest: Path | str, folder: Path | str, *, executor: Executor 
 
     tasks = read_manifest(Path(manifest))
     folder = Path(folder).resolve()
-    try:
-        (folder / store.RESULTS).mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise UserError(f'{folder}: cannot be written ({error.strerror})') from error
-    store.sweep(folder)
+    if folder.exists() and not folder.is_dir():
+        raise UserError(f'{folder}: is a file; a folder is needed for the results')
     say(f'{len({task.rig for task in tasks})} rigs, {len(tasks)} traces')
     outcomes: list[Outcome | None] = [None] * len(tasks)
     with ExitStack() as stack:
         stack.callback(store.sweep, folder)     # of workers that end with the engine
         engine = executor or stack.enter_context(dask_executor(scheduler, workers, say))
+        try:
+            (folder / store.RESULTS).mkdir(parents=True, exist_ok=True)
+        except OSError as error:
+            raise UserError(f'{folder}: cannot be written ({error.strerror})') from error
+        store.sweep(folder)
         tell = _Teller(len(tasks), say)
         for k, came in work(partial(run, folder=folder, seed=seed), tasks, engine):
             outcome = came if isinstance(came, Outcome) else Outcome(None, reason=reason(came))

@@ -14,6 +14,7 @@ import os
 from pathlib import Path
 import shutil
 import socket
+from threading import get_ident
 from typing import Any
 
 from hydro_twin.compiled import sources
@@ -68,7 +69,7 @@ def keep(folder: Path, key: str, write: Callable[[Path], dict[str, Any]]) -> dic
         OSError: it cannot be written there.
     """
     place = folder / RESULTS / key
-    part = place.with_name(f'.{key}.{socket.gethostname()}.{os.getpid()}')
+    part = place.with_name(f'.{key}.{get_ident()}.{os.getpid()}.{socket.gethostname()}')
     part.mkdir(parents=True)
     try:
         record = write(part)
@@ -86,8 +87,7 @@ def keep(folder: Path, key: str, write: Callable[[Path], dict[str, Any]]) -> dic
 
 def sweep(folder: Path) -> None:
     """Remove what processes of this machine began and never finished, since they were killed."""
-    for part in (folder / RESULTS).glob('.*'):
-        key, _, rest = part.name[1:].partition('.')
-        host, _, process = rest.rpartition('.')
-        if key and host == socket.gethostname() and not Path('/proc', process).exists():
+    for part in (folder / RESULTS).glob('.*.*.*.*'):
+        _, process, host = part.name[1:].split('.', 3)[1:]
+        if host == socket.gethostname() and not Path('/proc', process).exists():
             shutil.rmtree(part, ignore_errors=True)

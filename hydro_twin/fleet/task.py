@@ -7,7 +7,7 @@ import shlex
 from time import perf_counter
 from typing import Any
 
-from hydro_twin import api
+from hydro_twin.api import read_data, trace
 from hydro_twin.errors import BagError, UserError
 from hydro_twin.fitting.parallel import on_one_core
 from hydro_twin.fleet import store
@@ -67,8 +67,8 @@ def run(task: Task, folder: Path, seed: int) -> Outcome:
 def _trace(task: Task, rig: Rig, seed: int, folder: Path) -> dict[str, Any]:
     """Trace into a folder; returns the record."""
     begin = perf_counter()
-    data = api.read_data(task.bags, (), rig)
-    found = api.trace(data, None, seed, command=command_of(task, seed))
+    data = read_data(task.bags, (), rig)
+    found = trace(data, None, seed, command=command_of(task, seed))
     summary = found.save(folder)
     return {
         'verdict': summary['verdict'], 'says': summary['says'],

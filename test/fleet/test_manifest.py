@@ -64,6 +64,13 @@ def test_periods_of_a_rig_are_in_order_of_time(folder):
         ('a', '2025-01-01'), ('a', '2026-03-01'), ('b', '2026-01-01')]
 
 
+def test_a_group_is_of_one_plant(folder):
+    path = manifest(folder, ['a,control_valve,a_1,x', 'b,cylinder,b_1,x'],
+                    columns='name,plant,bags,group')
+    with pytest.raises(ManifestError, match='group x has rigs of control_valve and cylinder'):
+        read_manifest(path)
+
+
 def test_yaml_says_the_same(folder):
     table = read_manifest(manifest(
         folder, ['a,control_valve,a_1;a_2,2026-01-15,x,config.yaml'],

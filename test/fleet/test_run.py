@@ -11,27 +11,30 @@ import sys
 import threading
 import time
 
+from engine_work import kill_or_square
 from fleet_by_hand import broken, manifest, PLANT, record
 import pytest
 
+from hydro_twin.errors import UserError
 from hydro_twin.fleet import store, trace_fleet
 from hydro_twin.fleet.engine import reason, work
 from hydro_twin.plants import plant_named
 from hydro_twin.recording.digest import source_of
 from hydro_twin.recording.rig import rig_of
 
-RIGS = 4
+RIGS = 3
 pytest.importorskip('pyarrow')
 
 
 @pytest.fixture(scope='module')
 def bags(tmp_path_factory):
-    """Make a manifest of four rigs, and a fifth whose bag is broken."""
+    """Make a manifest of three rigs, and a fourth whose bag is broken."""
     folder = tmp_path_factory.mktemp('fleet')
     for k in range(RIGS):
         record(folder, f'bag_{k}', k)
-    broken(folder, 'bag_4')
-    manifest(folder, [f'rig {k},{PLANT},bag_{k},2026-01-{k + 1:02d}' for k in range(RIGS + 1)])
+    broken(folder, 'bag_broken')
+    manifest(folder, [*(f'rig {k},{PLANT},bag_{k},2026-01-{k + 1:02d}' for k in range(RIGS)),
+                      f'rig 3,{PLANT},bag_broken,2026-02'])
     return folder
 
 
@@ -43,8 +46,8 @@ def command(bags, out, workers=1):
     """Start the verb as a user does, in a session of its own."""
     return subprocess.Popen(
         [sys.executable, '-m', 'hydro_twin.commands.main', 'fleet', bags / 'fleet.csv', '-o', out,
-         '--workers', str(workers), '--json'], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True,
-        start_new_session=True)
+         '--workers', str(workers), '--json'], stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE, text=True, start_new_session=True)
 
 
 def ended(process):
@@ -83,14 +86,22 @@ def by_threads(bags, tmp_path_factory):
 def test_a_broken_bag_says_so_in_its_row_and_the_rest_is_there(bags, by_threads):
     out, made, said = by_threads
     rigs = by_rig(made)
-    (problem,) = rigs['rig 4']['problems']
-    assert 'bag_4 is damaged' in problem['reason']
-    assert any('rig 4' in line and 'bag_4 is damaged' in line for line in said)
+    (problem,) = rigs['rig 3']['problems']
+    assert 'bag_broken is damaged' in problem['reason']
+    assert any('rig 3' in line and 'bag_broken is damaged' in line for line in said)
     assert made['traces'] == {'done': RIGS, 'traced_now': RIGS, 'failed': 1}
     for k in range(RIGS):
         assert (out / rigs[f'rig {k}']['report']).is_file()
     assert set(results(out)) == {key_of(bags / f'bag_{k}') for k in range(RIGS)}
-    assert said[-1].startswith('5 of 5 done')
+    assert said[-1].startswith('4 of 4 done')
+
+
+def test_two_threads_with_the_same_bag_do_not_mind(bags, tmp_path):
+    path = manifest(bags, [f'{name},{PLANT},bag_0,2026' for name in 'ab'], 'twice.csv')
+    with ThreadPoolExecutor(2) as executor:
+        made = trace_fleet(path, tmp_path, executor=executor)
+    assert made['traces']['failed'] == 0
+    assert len({rig['report'] for rig in made['rigs']}) == len(results(tmp_path)) == 1
 
 
 def test_one_more_bag_is_one_more_trace(bags, by_threads):
@@ -107,14 +118,6 @@ def test_one_more_bag_is_one_more_trace(bags, by_threads):
     assert {key: results(out)[key] for key in before} == before
     assert set(results(out)) - set(before) == {key_of(more / 'bag_7')}
     assert len(by_rig(again)['rig 0']['periods']) == 2
-
-
-def kill_or_square(item):
-    if item == 'dies':
-        os.kill(os.getpid(), signal.SIGKILL)
-    if item == 'raises':
-        raise ValueError('no\nsquare')
-    return item * item
 
 
 def test_a_pool_that_breaks_is_a_reason_for_what_it_had():
@@ -157,6 +160,16 @@ def test_without_the_extra_one_line_says_what_to_install(bags, tmp_path, missing
     assert done.stderr.splitlines()[-1].endswith(
         f"needs the module {missing}: install 'hydro_twin[fleet]'")
     assert 'Traceback' not in done.stderr
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_a_folder_that_cannot_be_is_refused(bags, tmp_path):
+    (tmp_path / 'file').write_text('')
+    with ThreadPoolExecutor(1) as executor:
+        for place in ('file', 'file/out'):
+            with pytest.raises(UserError, match='file'):
+                trace_fleet(bags / 'fleet.csv', tmp_path / place, executor=executor)
+    assert [path.name for path in tmp_path.iterdir()] == ['file']
 
 
 def test_the_help_does_not_import_the_engine():
@@ -224,7 +237,7 @@ def kill_worker_of(key, out, stop, times, killed):
     """Kill -9 whoever writes the result of a key, so many times; the folder names the process."""
     while not stop.is_set() and len(killed) < times:
         for part in (out / 'results').glob(f'.{key}.*'):
-            pid = int(part.name.rpartition('.')[2])
+            pid = int(part.name.split('.')[3])
             if pid not in killed:
                 with contextlib.suppress(ProcessLookupError):
                     os.kill(pid, signal.SIGKILL)
@@ -248,16 +261,16 @@ def killing(bags, out, name, times):
 
 @pytest.mark.slow
 def test_a_killed_worker_is_made_good_and_a_trace_that_kills_each_is_given_up(bags, tmp_path):
-    """One worker dies once, amid rig 1; each that traces rig 3 dies; the others do not mind."""
+    """One worker dies once, amid rig 0; each that traces rig 2 dies; the others do not mind."""
     pytest.importorskip('distributed')
-    with (killing(bags, tmp_path, 'bag_1', 1) as once,
-          killing(bags, tmp_path, 'bag_3', 1000) as always):
+    with (killing(bags, tmp_path, 'bag_0', 1) as once,
+          killing(bags, tmp_path, 'bag_2', 1000) as always):
         made, said = ended(command(bags, tmp_path, 2))
     rigs = by_rig(made)
     assert len(once) == 1
-    assert rigs['rig 1']['problems'] == []
+    assert rigs['rig 0']['problems'] == []
     assert len(always) >= 2
-    (problem,) = rigs['rig 3']['problems']
+    (problem,) = rigs['rig 2']['problems']
     assert 'worker process died' in problem['reason']
     assert problem['reason'] in said
     assert made['traces'] == {'done': RIGS - 1, 'traced_now': RIGS - 1, 'failed': 2}

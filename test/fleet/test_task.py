@@ -61,6 +61,7 @@ def test_the_key_depends_on_all_that_goes_into_a_trace(folder, tmp_path, monkeyp
     assert store.key_of(bags, rig_of(rig.plant), 0) in keys
 
 
+@pytest.mark.slow
 def test_the_command_makes_the_same_trace(folder, tmp_path, monkeypatch):
     """The record is what the verb `trace` reports."""
     import json
@@ -121,8 +122,9 @@ def test_what_a_killed_process_left_is_swept_and_no_other(tmp_path):
             'store.keep(Path(sys.argv[1]), "key", lambda part: os.kill(os.getpid(), 9))')
     subprocess.run([sys.executable, '-c', code, tmp_path], check=False)
     (left,) = (tmp_path / 'results').iterdir()
-    mine = left.with_name(f'{left.name.rpartition(".")[0]}.{os.getpid()}')
-    elsewhere = left.with_name('.key.elsewhere.1')
+    _, key, thread, process, host = left.name.split('.', 4)
+    mine = left.with_name(f'.{key}.{thread}.{os.getpid()}.{host}')
+    elsewhere = left.with_name(f'.{key}.{thread}.{process}.elsewhere')
     mine.mkdir()
     elsewhere.mkdir()
     store.sweep(tmp_path)
