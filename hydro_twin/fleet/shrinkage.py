@@ -18,10 +18,16 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+import numpy.typing as npt
 from scipy.stats import norm
+from scipy.stats import t as student
 
 from hydro_twin.plants.plant import FloatArray
 
+BoolArray = npt.NDArray[np.bool_]
+
+CHANCE = 0.05           # of a score that stands out though its rig is as the others
+MOST = 20               # rigs that are left out of a group, and at most a quarter of it
 ITERATIONS = 1000
 TOLERANCE = 1e-10       # of tau^2, relative to the variance of the estimates
 ROWS = 256              # that are left out at once: as much memory as a thousand rigs take
@@ -37,6 +43,7 @@ class Group:
         values, errors: (n,), shrunken estimates and their standard errors.
         scores: (n,), deviation of each rig from the others, which do not know it, over the
             standard deviation of that deviation; nan for fewer than three rigs.
+        kept: (n,), which rigs the group was fitted to.
     """
 
     mean: float
@@ -45,10 +52,14 @@ class Group:
     values: FloatArray
     errors: FloatArray
     scores: FloatArray
+    kept: BoolArray
 
 
 def shrink(y: FloatArray, s: FloatArray) -> Group:
     """Fit the random-effects model to the estimates of a group.
+
+    A rig that stands out would widen the spread for all others, so that they borrow nothing. The
+    farthest is left out as long as its score is beyond `limit`; it keeps its own value.
 
     Args:
         y: (n,), estimates, n >= 1.
@@ -56,18 +67,42 @@ def shrink(y: FloatArray, s: FloatArray) -> Group:
     """
     n = len(y)
     v = s ** 2
-    tau2, mu, mu_var = (float(part[0]) for part in _fit(y, v, np.ones((1, n))))
-    own = v / (v + tau2)                        # share of the group in the shrunken value
-    scores = np.full(n, np.nan)
-    if n > 2:
-        for begin in range(0, n, ROWS):
-            left_out = np.arange(begin, min(begin + ROWS, n))
-            kept = np.ones((len(left_out), n))
-            kept[np.arange(len(left_out)), left_out] = 0.0
-            others, mean, var = _fit(y, v, kept)
-            scores[left_out] = (y[left_out] - mean) / np.sqrt(v[left_out] + others + var)
+    kept = np.ones(n, dtype=bool)
+    while True:
+        tau2, mu, mu_var = (float(part[0]) for part in _fit(y, v, kept[None, :] * 1.0))
+        scores = _scores(y, v, kept)
+        inside = np.where(kept, np.abs(scores), 0.0)
+        farthest = int(np.argmax(inside))
+        if (kept.sum() <= 3 or n - kept.sum() >= min(MOST, n // 4)
+                or inside[farthest] < limit(n, int(kept.sum()))):
+            break
+        kept[farthest] = False
+    own = np.where(kept, v / (v + tau2), 0.0)   # share of the group in the shrunken value
     return Group(mu, mu_var ** 0.5, tau2 ** 0.5, own * mu + (1.0 - own) * y,
-                 np.sqrt(own * tau2 + own ** 2 * mu_var), scores)
+                 np.where(kept, np.sqrt(own * tau2 + own ** 2 * mu_var), s), scores, kept)
+
+
+def limit(comparisons: int, rigs: int) -> float:
+    """Say which score stands out: of so many comparisons, one does by chance once in twenty times.
+
+    The spread of a small group is known from few rigs, which Student's distribution allows for.
+    """
+    return float(student.isf(CHANCE / (2 * comparisons), max(rigs - 2, 1)))
+
+
+def _scores(y: FloatArray, v: FloatArray, kept: BoolArray) -> FloatArray:
+    """Score each rig against those that are kept, without itself; nan where these are too few."""
+    n = len(y)
+    scores = np.full(n, np.nan)
+    if n < 3:
+        return scores
+    for begin in range(0, n, ROWS):
+        rows = np.arange(begin, min(begin + ROWS, n))
+        others = np.tile(kept * 1.0, (len(rows), 1))
+        others[np.arange(len(rows)), rows] = 0.0
+        tau2, mean, var = _fit(y, v, others)
+        scores[rows] = (y[rows] - mean) / np.sqrt(v[rows] + tau2 + var)
+    return scores
 
 
 def _fit(y: FloatArray, v: FloatArray, kept: FloatArray

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import asdict
+from functools import cache
 import hashlib
 from importlib.metadata import version
 import json
@@ -32,16 +33,22 @@ def key_of(bags: Sequence[Source], rig: Rig, seed: int) -> str:
     That is what the bags hold, in their order, but not where they are; what is known of the rig;
     the seed; the version, with the laws of the effects and the plants of other packages.
     """
-    laws = hashlib.sha256()
-    for path in [*sources(), *plugin_files('hydro_twin.plants')]:
-        laws.update(path.read_bytes())
     inputs = {
         'bags': [bag.sha256 for bag in bags], 'plant': rig.plant.name,
         'constants': rig.constants, 'clock': asdict(rig.clock),
         'signals': {name: asdict(where) for name, where in rig.signals.items()},
-        'seed': seed, 'version': version('hydro_twin'), 'laws': laws.hexdigest(),
+        'seed': seed, 'version': version('hydro_twin'), 'laws': _laws(),
     }
     return hashlib.sha256(json.dumps(inputs, sort_keys=True).encode()).hexdigest()[:32]
+
+
+@cache
+def _laws() -> str:
+    """Digest the sources of the effects, and of the plants of other packages."""
+    digest = hashlib.sha256()
+    for path in [*sources(), *plugin_files('hydro_twin.plants')]:
+        digest.update(path.read_bytes())
+    return digest.hexdigest()
 
 
 def find(folder: Path, key: str) -> dict[str, Any] | None:

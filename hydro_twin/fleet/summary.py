@@ -13,12 +13,11 @@ from scipy.stats import chi2, norm
 from scipy.stats import t as student
 
 from hydro_twin.fleet.manifest import Task
-from hydro_twin.fleet.shrinkage import shrink, surprise
+from hydro_twin.fleet.shrinkage import limit, shrink, surprise
 from hydro_twin.fleet.store import RESULTS
 from hydro_twin.fleet.task import Outcome
 from hydro_twin.plants.plant import FloatArray
 
-CHANCE = 0.05           # that a fleet has a rig marked which is as the others
 TREND = 3.0             # score from which a trend is shown
 PERIODS = 3             # at least, for a trend
 RIGS = 3                # at least, to say how well a measurement repeats
@@ -96,7 +95,7 @@ def compare(rigs: Sequence[Row]) -> dict[str, dict[str, Any]]:
 
     Returns:
         Parameter -> what is usual: mean (geometric where `log`), spread between rigs (of the
-        logarithm where `log`), number of rigs, unit, repeatability.
+        logarithm where `log`), number of rigs, of those kept, unit, repeatability.
     """
     known = [rig for rig in rigs if rig['periods']]
     last = {rig['rig']: rig['periods'][-1]['estimates'] for rig in known}
@@ -110,6 +109,7 @@ def compare(rigs: Sequence[Row]) -> dict[str, dict[str, Any]]:
         usual[name] = {
             'log': log, 'mean': math.exp(found.mean) if log else found.mean,
             'std_error': found.std_error, 'spread': found.spread, 'rigs': len(having),
+            'kept': int(found.kept.sum()),
             'unit': last[having[0]['rig']][name]['unit'],
             'repeatability': repeatability(known, name, log)}
         for k, rig in enumerate(having):
@@ -128,15 +128,12 @@ def compare(rigs: Sequence[Row]) -> dict[str, dict[str, Any]]:
 
 
 def _mark(rigs: Sequence[Row], usual: Mapping[str, Mapping[str, Any]]) -> None:
-    """Mark the scores that stand out: one in twenty fleets has such a score by chance.
-
-    The spread of a small group is known from few rigs, which Student's distribution allows for.
-    """
-    scores = [(one, usual[rig['group']][name]['rigs']) for rig in rigs
+    """Mark the scores that stand out, for as many comparisons as there are in the fleet."""
+    scores = [(one, usual[rig['group']][name]['kept']) for rig in rigs
               for name, one in rig['usual'].items() if one['score'] is not None]
-    limit = {n: float(student.isf(CHANCE / (2 * len(scores)), n - 2)) for _, n in scores}
-    for one, n in scores:
-        one['out'] = abs(one['score']) >= limit[n]
+    limits = {kept: limit(len(scores), kept) for _, kept in scores}
+    for one, kept in scores:
+        one['out'] = abs(one['score']) >= limits[kept]
 
 
 def _farthest(rig: Row) -> dict[str, Any] | None:
@@ -181,10 +178,14 @@ def repeatability(rigs: Sequence[Row], name: str, log: bool) -> float | None:
 
 
 def _over_time(rig: Row, name: str, log: bool) -> tuple[FloatArray, FloatArray, FloatArray] | None:
-    """Return time [years], values and standard errors of a parameter; None if too few."""
+    """Return time [years], values and standard errors of a parameter; None if too few.
+
+    Only of periods with the effects of the last: what a model lacks bends its other parameters.
+    """
     points = [(datetime.fromisoformat(period['date']).timestamp() / YEAR, one['value'],
                one['std_error']) for period in rig['periods']
               if (one := period['estimates'].get(name)) and period['date']
+              and list(map(_id, period['effects'])) == rig['effects']
               and (one['value'] > 0.0 or not log)]
     if len(points) < PERIODS or len({when for when, _, _ in points}) < PERIODS:
         return None

@@ -90,7 +90,7 @@ def estimates(result: TraceResult, summary: dict[str, Any]) -> dict[str, dict[st
     These are the parameters of the plant after the repair, its combinations where only these are
     known, and those of the effects, as 'backlash at linkage: gap'.
     """
-    rows = {row['name']: {**row['after'], 'unit': row['unit']}
+    rows = {row['name']: {**row['after'], 'unit': row['unit'].removesuffix(' / 1')}
             for row in parameter_rows(result, summary['parameters'])}
     for effect in summary['effects']:
         rows |= {f'{effect["id"]} at {effect["port"]}: {name}': values

@@ -89,6 +89,25 @@ def test_a_rig_with_little_data_borrows_and_an_unusual_one_shows():
     assert scores[1] > 5.0
 
 
+def test_one_that_stands_out_does_not_widen_the_spread_of_the_others():
+    """What is left is the fit without it; it keeps its own value."""
+    rng = np.random.default_rng(4)
+    y, s = 1.0 + 0.05 * rng.normal(size=10), np.full(10, 0.05)
+    y[6] = 3.0
+    found, without = shrink(y, s), shrink(np.delete(y, 6), np.delete(s, 6))
+    assert list(np.flatnonzero(~found.kept)) == [6]
+    assert (found.mean, found.spread) == pytest.approx((without.mean, without.spread))
+    assert np.delete(found.values, 6) == pytest.approx(without.values)
+    assert (found.values[6], found.errors[6]) == (3.0, 0.05)
+    assert np.delete(found.scores, 6) == pytest.approx(without.scores)
+
+
+def test_few_groups_of_rigs_that_are_alike_lose_one():
+    rng = np.random.default_rng(5)
+    lost = sum(not shrink(rng.normal(size=10), np.full(10, 0.01)).kept.all() for _ in range(300))
+    assert lost <= 30
+
+
 def test_scores_of_rigs_that_are_alike_are_standard_normal():
     rng = np.random.default_rng(1)
     s = rng.uniform(0.1, 1.0, 2000)

@@ -70,6 +70,15 @@ def test_a_failed_trace_is_in_its_row_and_the_earlier_ones_stay():
     assert (alone['verdict'], alone['says'], alone['report']) == ('failed', 'no', None)
 
 
+def test_a_period_with_another_model_makes_no_trend():
+    """Without the effect that is there, other parameters stand in for it."""
+    done = [(task(str(k), date), outcome(
+        {'T': (3.0 if k == 1 and date == DATES[0] else 1.0 + 1e-3 * (k + n % 2), 1e-3)},
+        [] if k == 1 and date == DATES[0] else [1]))
+        for k in range(4) for n, date in enumerate(DATES)]
+    assert [rig['trend'] for rig in summarise(done)['rigs']] == [None] * 4
+
+
 def test_an_effect_that_only_one_has_is_scored():
     done = [(task(str(k)), outcome({'T': (1.0 + 0.01 * k, 0.1)}, [1] if k == 2 else []))
             for k in range(8)]
