@@ -17,6 +17,9 @@ from hydro_twin.errors import UserError
 RETRIES = 1             # of a task that raises
 DEATHS = 1              # of workers that a task outlives; at the next it is given up
 CONNECT = '10s'         # to wait for a scheduler
+# Until a worker that died is taken off the cluster for good, and tasks fail since none is left. A
+# new one is there in seconds, but on a machine with much else to do not in the 15 s of Dask.
+PATIENCE = '10 minutes'
 PRELOAD = 'hydro_twin.fleet.worker'
 
 
@@ -38,6 +41,8 @@ def dask_executor(scheduler: str, workers: int | None, say: Callable[[str], None
     from distributed import Client, LocalCluster
 
     settings = {'distributed.scheduler.allowed-failures': DEATHS,
+                'distributed.scheduler.no-workers-timeout': PATIENCE,
+                'distributed.deploy.lost-worker-timeout': PATIENCE,
                 'distributed.worker.profile.enabled': False}
     with ExitStack() as stack:
         stack.enter_context(dask.config.set(settings))
