@@ -7,7 +7,7 @@ BAG := bags/rig_a
 # What each of many processes imports is compiled to bytecode once.
 unexport PYTHONDONTWRITEBYTECODE
 
-.PHONY: demo test types tests docs bags picture
+.PHONY: demo fleet-demo test types tests docs bags picture
 
 # Fits the linear model to a recording, finds what it lacks, adds that, and compares the two.
 demo: $(UV)
@@ -16,6 +16,13 @@ demo: $(UV)
 	$(RUN) hydro-twin replay $(BAG) --model out/model.yaml --beside out/before.yaml \
 		--picture out/picture.png
 	@echo "See out/report.html and out/picture.png."
+
+# A year of ten simulated valve servos, the play of one of which grows, and the page that shows it.
+fleet-demo: $(UV)
+	@echo 'The first run sets up .venv; 40 traces take some minutes on two cores.' >&2
+	$(RUN) --extra fleet bags/fleet.py out/fleet
+	$(RUN) --extra fleet hydro-twin fleet out/fleet/fleet.csv -o out/fleet/out
+	@echo "See out/fleet/out/fleet.html."
 
 # With CI set, the slow tests too. mypy has one core only to work with, so the tests run beside it.
 test: $(UV)

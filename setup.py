@@ -31,7 +31,8 @@ setup(
     python_requires='==3.12.*',
     packages=find_packages(include=[NAME, f'{NAME}.*']),
     package_data={NAME: ['py.typed', 'report/*.html', 'report/*.jinja', 'report/*.css',
-                         'report/*.js', 'studies/*/*.html']},
+                         'report/*.js', 'fleet/*.html', 'fleet/*.js',
+                         'studies/*/*.html']},
     data_files=[
         ('share/ament_index/resource_index/packages', [f'resource/{NAME}']),
         (f'share/{NAME}', ['package.xml']),
@@ -58,6 +59,7 @@ setup(
     extras_require={
         'ros': ['ros-jazzy-rclpy[fastrtps]', 'ros-jazzy-common-interfaces'],
         'learn': ['torch>=2.2'],
+        'fleet': ['bokeh>=3.1', 'distributed>=2024.8', 'pyarrow>=15'],   # bokeh: the dashboard
         'test': ['hypothesis', 'pytest'],   # by which colcon test knows what to run
     },
     entry_points={

@@ -83,7 +83,7 @@ def importers(module):
     return found
 
 
-@pytest.mark.parametrize('module', ['rclpy', 'torch'])
+@pytest.mark.parametrize('module', ['rclpy', 'torch', 'distributed'])
 def test_only_the_modules_named_import(module):
     """CONTRIBUTING says which: "Only ... import `module`"."""
     text = (ROOT / 'CONTRIBUTING.md').read_text(encoding='utf-8')

@@ -21,8 +21,12 @@ from hydro_twin.errors import UserError
 
 PROG = 'hydro-twin'
 ROS = "source ROS 2 Jazzy, or install 'hydro_twin[ros]'"
+FLEET = "install 'hydro_twin[fleet]'"
 REMEDIES = {   # module that a plain install may lack -> where it comes from
+    'dask': FLEET,
     'diagnostic_msgs': ROS,
+    'distributed': FLEET,
+    'pyarrow': FLEET,
     'rcl_interfaces': ROS,
     'rclpy': ROS,
     'torch': "install 'hydro_twin[learn]'",

@@ -10,6 +10,7 @@ from __future__ import annotations
 import atexit
 from collections import deque
 from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
 import io
 from multiprocessing.connection import Connection, Pipe
 import os
@@ -78,6 +79,19 @@ class _Within(local):
 
 
 _within = _Within()
+
+
+@contextmanager
+def on_one_core() -> Iterator[None]:
+    """Keep to this process: what this thread calls within spreads nothing.
+
+    For the tasks of an engine that has as many workers as there are cores.
+    """
+    before, _within.item = _within.item, True
+    try:
+        yield
+    finally:
+        _within.item = before
 
 
 class _Failure:
