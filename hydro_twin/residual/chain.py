@@ -20,6 +20,7 @@ from hydro_twin.residual.select import (
     criterion,
     fit_alternatives,
     gain_p_value,
+    is_distinguishable,
     refine,
     search,
     search_all,
@@ -245,7 +246,9 @@ def share(before: Fit, after: Fit) -> float:
 def _proven(chain: Chain, without: Fit, context: Context) -> Chain:
     """Drop the effects that do not improve held-out data, the least helpful first.
 
-    An effect helps if the whole interval of the improvement is above zero.
+    An effect helps if the whole interval of the improvement is above zero. Where one could only
+    be left out because another took its place as a simpler law, as a hysteresis that is never
+    crossed and so is a constant of each window, the other is dropped.
 
     Args:
         chain: a model that has grown.
@@ -267,6 +270,11 @@ def _proven(chain: Chain, without: Fit, context: Context) -> Chain:
     if not fails:
         return chain
     least = min(fails, key=lambda k: fails[k])
+    rest = other_findings(chain, least)
+    for k, found in enumerate(rest):
+        if not is_distinguishable(bare[least], context.parts, found.index):
+            least = k + (k >= least)
+            break
     return _proven(Chain(bare[least], other_findings(chain, least)), without, context)
 
 

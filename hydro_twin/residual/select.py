@@ -345,11 +345,11 @@ def _forms(fit: Fit, parts: Sequence[Part], index: int) -> list[Candidate]:
     return [form(values) for values in (*simplest, *placed.effect.refined(reach, placed.values))]
 
 
-def is_distinguishable(fit: Fit, parts: Sequence[Part]) -> bool:
-    """Whether the recording distinguishes the last effect, as fitted, from a simpler one."""
-    last = fit.candidate.effects[-1]
-    return last.effect.distinguishable is None or last.effect.distinguishable(
-        spans(fit.candidate, parts)[last.port], last.values)
+def is_distinguishable(fit: Fit, parts: Sequence[Part], index: int = -1) -> bool:
+    """Whether the recording distinguishes an effect, as fitted, from a simpler one."""
+    placed = fit.candidate.effects[index]
+    return placed.effect.distinguishable is None or placed.effect.distinguishable(
+        spans(fit.candidate, parts)[placed.port], placed.values)
 
 
 def shortlist(prospects: Sequence[Prospect], most: int) -> list[Placed]:
