@@ -72,7 +72,8 @@ def _trace(task: Task, rig: Rig, seed: int, folder: Path) -> dict[str, Any]:
     summary = found.save(folder)
     return {
         'verdict': summary['verdict'], 'says': summary['says'],
-        'error': {when: summary[when]['free_run']['test'] for when in ('before', 'after')},
+        'error': {when: summary[when][found.result.judged]['test']
+                  for when in ('before', 'after')},
         'noise': summary['noise_floor'], 'unit': rig.plant.output.unit,
         'effects': [{name: effect[name] for name in ('id', 'port', 'certain', 'p_value',
                                                      'share_of_residual')}

@@ -91,3 +91,16 @@ def test_an_effect_is_proven_by_the_whole_interval_of_its_improvement(both, monk
     monkeypatch.setattr('hydro_twin.residual.chain.improvement',
                         lambda before, after, seed: Improvement(0.3, -0.11, 0.65))
     assert names(_proven(chain, alone, context)) == []
+
+
+def test_an_effect_that_another_replaces_as_a_simpler_law_stays(both, monkeypatch):
+    """Without the bias the hysteresis would be a constant: that it can is no proof against it."""
+    chain, alone, context = grown(both, BIAS, ('hysteresis', 'command', {'width': 0.1}))
+    helps = iter([-0.1, -0.1, 1.0])         # of each with both in, and of the one that is left
+    module = 'hydro_twin.residual.chain'
+    monkeypatch.setattr(f'{module}.improvement',
+                        lambda *_: Improvement(0.0, next(helps), 1.0))
+    monkeypatch.setattr(
+        f'{module}.is_distinguishable',
+        lambda fit, parts, index: names(Chain(fit)) != ['hysteresis'] or index != 0)
+    assert names(_proven(chain, alone, context)) == ['bias']
