@@ -116,7 +116,7 @@ class Driver:
         self.node = Node('driver')
         self.command, self.joints = (self.node.create_publisher(JointState, topic, 200)
                                      for topic in (COMMAND, JOINTS))
-        self.write_command = Writer('u_m', 'V')
+        self.write_command = Writer(['u_m'], 'V')
         self.joint_state = JointState(name=['rig'], position=[0.0], effort=[0.0])
         self.models = self.node.create_client(SetParameters, '/hydro_twin/set_parameters')
         self.arrived: dict[int, int] = {}
@@ -244,7 +244,7 @@ def memory(model: Path, messages: int) -> dict[str, float]:
     live = Live(PLANT, load_signals(PLANT.name, [s.name for s in PLANT.signals]), 0.002, 0.1)
     outlet = Outlet(twin_, len, len, len)
     diagnosis = Diagnosis(live, [twin_])
-    command, state = Writer('u_m', 'V'), JointState(name=['rig'], position=[0.0], effort=[0.0])
+    command, state = Writer(['u_m'], 'V'), JointState(name=['rig'], position=[0.0], effort=[0.0])
     begun, started = 0.0, time.monotonic()
     for k in range(messages // 2):
         stamp = 10**15 + k * 2_000_000

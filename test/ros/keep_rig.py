@@ -65,7 +65,7 @@ def main(faster: float) -> None:
     rubs: list[Empty] = []
     node.create_subscription(Empty, '/rub', rubs.append, 10)
     rng = np.random.default_rng(1)
-    valve = Writer('valve', 'rad')
+    valve = Writer(['valve'], 'rad')
     joint = JointState(name=['shaft'], position=[0.0], effort=[0.0])
     begin, k, count = time.monotonic(), 0, len(healthy)
     while True:
