@@ -134,6 +134,19 @@ class FoundCurve:
 
 
 @dataclass(frozen=True)
+class BestNamed:
+    """The best explanation by named effects, where a free curve took their place.
+
+    Attributes:
+        effects: with their values.
+        held_out_error: RMS of what they leave of the test part, but for its initial states.
+    """
+
+    effects: tuple[Placed, ...]
+    held_out_error: float
+
+
+@dataclass(frozen=True)
 class Dependence:
     """What a free curve at one port over one signal explains of a residual.
 
@@ -251,6 +264,7 @@ class TraceResult:
         shapes: of each of these, what it adds at its port; of linear dynamics, the error over
             their first parameter.
         found: what no known effect explains, if a curve helps.
+        best_named: the named effects that the curve took the place of, if it did.
         improvement: of what is judged on the test part, from before to after: the free run, or,
             where there is a horizon, the free runs over that.
         hidden: effects that the recording could not have shown.
@@ -272,6 +286,7 @@ class TraceResult:
     effects: tuple[NamedEffect, ...]
     shapes: tuple[Shape | Profile, ...]
     found: FoundCurve | None
+    best_named: BestNamed | None
     improvement: Improvement
     hidden: tuple[Hidden, ...]
     remainder: Remainder

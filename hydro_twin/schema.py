@@ -243,6 +243,7 @@ class ReportFile(Struct, kw_only=True):
     tested: str
     effects: tuple[ReportEffect, ...]
     found: dict[str, Any] | None
+    best_named: dict[str, Any] | None
     ambiguous: tuple[tuple[str, ...], ...]
     horizon_s: float | None
     before: Errors

@@ -7,7 +7,16 @@ import numpy as np
 
 from hydro_twin.effects import Placed
 from hydro_twin.model import Model
-from hydro_twin.result import FoundCurve, NamedEffect, Remainder, SERIES, SIXTH, THIRD, TraceResult
+from hydro_twin.result import (
+    BestNamed,
+    FoundCurve,
+    NamedEffect,
+    Remainder,
+    SERIES,
+    SIXTH,
+    THIRD,
+    TraceResult,
+)
 
 TESTED = {
     0: 'bags that were not fitted',
@@ -31,6 +40,7 @@ def summarise(result: TraceResult) -> dict[str, Any]:
         'tested': TESTED[result.tested],
         'effects': [_effect(effect, estimates[effect.index]) for effect in result.effects],
         'found': result.found and _found(result.found, estimates[-1]),
+        'best_named': result.best_named and _best_named(result.best_named),
         'ambiguous': [list(group) for group in result.ambiguous],
         'horizon_s': result.horizon,
         'before': result.before.errors['after'],
@@ -71,8 +81,14 @@ def sentence(result: TraceResult) -> str:
                 f'was not fitted to, and no effect earns its place there.')
     if result.verdict == 'unexplained':
         left = f'Something is left that no known effect explains: {remainder_sentence(result)}'
-        return left + (f'. With a free curve of the {over(result.found.placed)}, which has no '
-                       f'name, {falls}.' if result.found else '.')
+        if result.found is None:
+            return f'{left}.'
+        nearest = '' if result.best_named is None else (
+            '. The nearest names for it are ' + ' and '.join(
+                f'{placed.effect.id.replace("_", " ")} at the {placed.port.name}'
+                for placed in result.best_named.effects) + ', which do not explain as much')
+        return (f'{left}. With a free curve of the {over(result.found.placed)}, which has no '
+                f'name, {falls}{nearest}.')
     named = ' and '.join(map(_named, result.effects))
     if result.found:
         named += (f', and something that no known effect explains, a free curve of the '
@@ -156,6 +172,19 @@ def _effect(effect: NamedEffect, estimates: dict[str, Any]) -> dict[str, Any]:
     }
 
 
+def _best_named(named: BestNamed) -> dict[str, Any]:
+    return {'effects': [{'id': placed.effect.id, 'port': placed.port.name,
+                         'parameters': _values(placed)} for placed in named.effects],
+            'held_out_error': named.held_out_error}
+
+
+def _values(placed: Placed) -> dict[str, Any]:
+    """Give an effect's parameters with unit, refinements in use only."""
+    return {p.name: {'value': value, 'unit': placed.effect.unit(p, placed.port)}
+            for p, value in zip(placed.effect.parameters, placed.values, strict=True)
+            if value not in (p.refinement, p.unreached)}
+
+
 def _found(found: FoundCurve, estimates: dict[str, Any]) -> dict[str, Any]:
     """Describe the curve that has no name."""
     placed = found.placed
@@ -176,11 +205,8 @@ def _found(found: FoundCurve, estimates: dict[str, Any]) -> dict[str, Any]:
 
 def effect_estimates(model: Model) -> list[dict[str, Any]]:
     """Give every effect's parameters with unit and standard error, refinements in use only."""
-    return [{
-        p.name: {'value': value, 'unit': effect.placed.effect.unit(p, effect.placed.port),
-                 'std_error': effect.std_errors.get(p.name)}
-        for p, value in zip(effect.placed.effect.parameters, effect.placed.values, strict=True)
-        if value not in (p.refinement, p.unreached)} for effect in model.effects]
+    return [{name: {**value, 'std_error': effect.std_errors.get(name)}
+             for name, value in _values(effect.placed).items()} for effect in model.effects]
 
 
 def parameters(model: Model) -> dict[str, Any]:

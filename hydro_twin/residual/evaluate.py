@@ -65,6 +65,7 @@ def result_of(found: Evidence) -> TraceResult:
         shapes=tuple(shape_of(found.final, effect.placed, found.fitted) for effect in effects),
         found=None if found.found is None else FoundCurve(
             found.found.placed, found.found.proof, found.found.p_value, found.found.others),
+        best_named=found.best_named,
         improvement=found.improvement, hidden=found.hidden, remainder=_remainder(found),
         series=_by_series(found, predicted), runs=_runs(found, series, predicted),
         persistence=persistence(found.recordings['test'], found.plant), noise=found.floor,

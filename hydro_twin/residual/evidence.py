@@ -11,7 +11,7 @@ from hydro_twin.recording.series import Recording
 from hydro_twin.residual.chain import Finding, HELD_OUT
 from hydro_twin.residual.curve import FittedCurve
 from hydro_twin.residual.noise import Burst
-from hydro_twin.result import Dependence, Hidden, Improvement, Line
+from hydro_twin.result import BestNamed, Dependence, Hidden, Improvement, Line
 
 LOUD = 6.0              # error over that of the noise, beyond which it cannot all be noise
 
@@ -36,7 +36,7 @@ class Evidence:
         drifts: (share, p-value) of a drift of the parameters in what is left.
         by_ports: (share, p-value) of what is left that the port signals predict.
         found: a curve without a name, on top of `after`.
-        tested: see `TraceResult`.
+        tested, best_named: see `TraceResult`.
     """
 
     plant: Plant
@@ -59,6 +59,7 @@ class Evidence:
     by_ports: tuple[float, float]
     found: FittedCurve | None = None
     tested: int = 0
+    best_named: BestNamed | None = None
 
     @property
     def final(self) -> Fit:

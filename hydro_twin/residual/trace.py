@@ -57,7 +57,15 @@ from hydro_twin.residual.structure import (
     predicted_by_ports,
     shows,
 )
-from hydro_twin.result import Dependence, Improvement, SERIES, SIXTH, THIRD, TraceResult
+from hydro_twin.result import (
+    BestNamed,
+    Dependence,
+    Improvement,
+    SERIES,
+    SIXTH,
+    THIRD,
+    TraceResult,
+)
 
 AT_LAST = 60_000        # samples of a thinned recording that are all used in the final fit
 EVERY = 1000            # effects fitted in full in the first round
@@ -164,7 +172,7 @@ def _search(train: Recording, test: Recording, plant: Plant,
     if not chain.findings:
         chain = Chain(base)
     progress('free curve')
-    chain, found = _with_curve(chain, base, context)
+    chain, found, replaced = _with_curve(chain, base, context)
     final = chain.fit if found is None else found.fit
     if final is not base:
         bare = replace(final.candidate, effects=final.candidate.effects[:given])
@@ -203,7 +211,8 @@ def _search(train: Recording, test: Recording, plant: Plant,
         lines=tuple(lines(pieces, sample_time)),
         bursts=tuple(bursts(residuals(after, [*whole, *held_out]))),
         depends_on=tuple(dependences(after, fine)), drifts=drift(after),
-        by_ports=predicted_by_ports(after, fine), found=found)
+        by_ports=predicted_by_ports(after, fine), found=found,
+        best_named=_best_named(replaced, others) if found and replaced else None)
     return traced if traced.fails else replace(traced, hidden=tuple(hidden(after, fine)))
 
 
@@ -233,7 +242,14 @@ def _gain(before: Fit, after: Fit, test: Recording, seed: int) -> Improvement:
     return improvement(first, then, seed)
 
 
-def _with_curve(chain: Chain, base: Fit, context: Context) -> tuple[Chain, FittedCurve | None]:
+def _best_named(chain: Chain, held_out: Sequence[Part]) -> BestNamed:
+    """Describe the named effects that a free curve took the place of."""
+    return BestNamed(tuple(chain.fit.candidate.effects[found.index] for found in chain.findings),
+                     rms(np.concatenate(residuals(chain.fit, held_out))))
+
+
+def _with_curve(chain: Chain, base: Fit, context: Context
+                ) -> tuple[Chain, FittedCurve | None, Chain | None]:
     """Look for a free curve beside the named effects, or instead of them.
 
     Several named effects often imitate one law that has no name.
@@ -244,7 +260,8 @@ def _with_curve(chain: Chain, base: Fit, context: Context) -> tuple[Chain, Fitte
         context: the data.
 
     Returns:
-        The chain, or one without its effects, and the curve on top of it, if one helps.
+        The chain, or one without its effects; the curve on top of it, if one helps; and the
+        chain whose place it took, if it did.
     """
     parts, held_out, seed = context.parts, context.held_out, context.seed
     curves = free_curves(chain.fit, parts)
@@ -252,9 +269,9 @@ def _with_curve(chain: Chain, base: Fit, context: Context) -> tuple[Chain, Fitte
     if chain.findings and _contested(chain, parts, curves, at_first):
         instead = find_curve(base, parts, held_out, at_first, seed)
         if instead and is_better(instead, base, chain.fit, at_first, held_out, seed):
-            return Chain(base), instead
+            return Chain(base), instead, chain
     found = find_curve(chain.fit, parts, held_out, curves, seed)
-    return _still_needed(chain, found, context) if found else (chain, None)
+    return (*_still_needed(chain, found, context), None) if found else (chain, None, None)
 
 
 def _contested(chain: Chain, parts: Sequence[Part], curves: Sequence[Dependence],

@@ -1,6 +1,7 @@
 """The page of a trace: needs no other file, has every number, and works in a browser."""
 from __future__ import annotations
 
+from dataclasses import replace
 from html.parser import HTMLParser
 import json
 from pathlib import Path
@@ -11,9 +12,12 @@ import subprocess
 import pytest
 from trace_by_hand import EFFECTS, result
 
+from hydro_twin.model import place
 from hydro_twin.report.figures import illustrations
 from hydro_twin.report.page import page, parameter_rows, percent, short, spread
 from hydro_twin.report.summary import summarise
+from hydro_twin.result import BestNamed
+from hydro_twin.schema import fault
 
 PROVENANCE = {'bags': [{'path': 'a <bag>', 'sha256': '0123abcd' * 8}], 'test_bags': [], 'seed': 7,
               'command': 'hydro-twin trace "a <bag>"', 'version': '1.2.3'}
@@ -104,6 +108,20 @@ def test_says_where_it_comes_from_and_escapes_it(case):
     assert ('turn it &lt;slowly&gt; &amp; far' in text) == bool(summary['cannot_show'])
     assert PROVENANCE['bags'][0]['sha256'] in text
     assert '1.2.3, seed 7' in text
+
+
+def test_names_that_a_curve_took_the_place_of_are_told():
+    made = result('cylinder', False, True)
+    assert summarise(made)['best_named'] is None
+    named = place('asymmetry', 'piston', {'imbalance': 0.25}, made.plant)
+    summary = summarise(replace(made, best_named=BestNamed((named,), 0.125)))
+    assert summary['effects'] == []
+    assert summary['best_named'] == {
+        'effects': [{'id': 'asymmetry', 'port': 'piston',
+                     'parameters': {'imbalance': {'value': 0.25, 'unit': '1'}}}],
+        'held_out_error': 0.125}
+    assert 'The nearest names for it are asymmetry at the piston' in summary['says']
+    assert fault(json.loads(json.dumps(summary)), 'report') == ''
 
 
 def test_its_size():
