@@ -84,9 +84,9 @@ def sentence(result: TraceResult) -> str:
         if result.found is None:
             return f'{left}.'
         nearest = '' if result.best_named is None else (
-            '. The nearest names for it are ' + ' and '.join(
+            '. The best named explanation, ' + ' and '.join(
                 f'{placed.effect.id.replace("_", " ")} at the {placed.port.name}'
-                for placed in result.best_named.effects) + ', which do not explain as much')
+                for placed in result.best_named.effects) + ', explains less')
         return (f'{left}. With a free curve of the {over(result.found.placed)}, which has no '
                 f'name, {falls}{nearest}.')
     named = ' and '.join(map(_named, result.effects))
