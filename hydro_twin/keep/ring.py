@@ -1,7 +1,7 @@
 """The last messages of some topics in memory, as they came."""
 from __future__ import annotations
 
-from bisect import bisect_right
+from bisect import bisect_left
 from collections import deque
 from dataclasses import dataclass, field
 
@@ -73,7 +73,9 @@ class Ring:
             messages = list(one.messages)
             first = 0
             if not one.latched:
-                first = max(bisect_right(messages, since, key=lambda message: message[0]) - 1, 0)
+                first = bisect_left(messages, since, key=lambda message: message[0])
+                if first == len(messages) or messages[first][0] > since:
+                    first = max(first - 1, 0)
             found += [(received, topic, content) for _, received, content in messages[first:]]
         return sorted(found, key=lambda message: message[0])
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 import json
 from typing import Any
 
-from hypothesis import given
+from hypothesis import example, given
 from hypothesis import strategies as st
 import pytest
 from rosbags.highlevel import AnyReader
@@ -52,6 +52,7 @@ def test_old_messages_go_but_the_last_before_the_window_and_latched_ones_stay():
 
 @given(st.lists(st.tuples(st.sampled_from('abc'), st.integers(0, 2 * SECOND),
                           st.integers(0, 3000)), max_size=80), st.integers(1, 20_000))
+@example([('a', 0, 0), ('a', 0, 0)], 400)       # at one time, and that is where the stretch begins
 def test_the_bound_in_bytes_holds_whatever_comes(arrivals, most):
     ring = Ring(20.0, most)
     ring.latch('c')
