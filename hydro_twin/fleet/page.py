@@ -4,9 +4,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
-from jinja2 import ChoiceLoader, Environment, PackageLoader, StrictUndefined
-
-from hydro_twin.report.page import NOT_KNOWN, short, spread
+from hydro_twin.report.page import environment, NOT_KNOWN, short, spread
 
 PANELS = 6              # small multiples of a rig at most: the parameters that most rigs have
 REPORTS = 12            # links to periods of a rig at most, the last ones
@@ -15,16 +13,12 @@ DIGITS = 5
 
 def page(fleet: Mapping[str, Any]) -> str:
     """Write the page of a fleet, given as fleet.json has it."""
-    environment = Environment(
-        loader=ChoiceLoader([PackageLoader('hydro_twin', 'fleet'),
-                             PackageLoader('hydro_twin', 'report')]),
-        autoescape=True, undefined=StrictUndefined, trim_blocks=True, lstrip_blocks=True)
-    environment.policies['json.dumps_kwargs'] = {'separators': (',', ':'), 'allow_nan': False}
-    environment.filters |= {'short': short, 'spread': spread, 'change': change, 'unit': unit,
-                            'between': between}
+    pages = environment('fleet')
+    pages.filters |= {'short': short, 'spread': spread, 'change': change, 'unit': unit,
+                      'between': between}
     panels = {group: sorted(usual, key=lambda name: -usual[name]['rigs'])[:PANELS]
               for group, usual in fleet['groups'].items()}
-    return environment.get_template('fleet_page.html').render(
+    return pages.get_template('fleet_page.html').render(
         fleet=fleet, rigs=fleet['rigs'], groups=fleet['groups'], reports=REPORTS,
         labels=sorted({label for rig in fleet['rigs'] for label in rig['labels']}),
         count={'out': sum(bool(rig['score']) and rig['score']['out'] for rig in fleet['rigs']),

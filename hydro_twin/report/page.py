@@ -4,7 +4,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-from jinja2 import Environment, PackageLoader, StrictUndefined
+from jinja2 import ChoiceLoader, Environment, PackageLoader, StrictUndefined
 
 from hydro_twin.model import Estimate
 from hydro_twin.report.chart import AFTER, BEFORE, Illustration, plain
@@ -42,9 +42,14 @@ def page(result: TraceResult, summary: Mapping[str, Any], provenance: Mapping[st
         data={item.name: plain(item) for item in illustrations})
 
 
-def environment() -> Environment:
-    """Set up the templates of this folder, for pages that hold their data as JSON."""
-    pages = Environment(loader=PackageLoader('hydro_twin', 'report'), autoescape=True,
+def environment(*folders: str) -> Environment:
+    """Set up the templates of this folder, for pages that hold their data as JSON.
+
+    Args:
+        folders: others of the package with templates, looked into first.
+    """
+    loaders = [PackageLoader('hydro_twin', folder) for folder in (*folders, 'report')]
+    pages = Environment(loader=ChoiceLoader(loaders), autoescape=True,
                         undefined=StrictUndefined, trim_blocks=True, lstrip_blocks=True)
     pages.policies['json.dumps_kwargs'] = {'separators': (',', ':'), 'allow_nan': False}
     return pages

@@ -181,15 +181,20 @@ def test_the_help_does_not_import_the_engine():
     assert not {'dask', 'distributed', 'pyarrow', 'numpy'} & set(done.stderr.split())
 
 
+def wait_for_a_result(process, out):
+    """Wait until a run has made a result, and is still at work."""
+    while not results(out):
+        assert process.poll() is None
+        time.sleep(0.02)
+
+
 @pytest.mark.slow
 def test_a_run_that_is_killed_goes_on_where_it_was(bags, by_threads, tmp_path):
     """And what comes of it, by Dask, is what another engine makes."""
     pytest.importorskip('distributed')
     out = tmp_path / 'out'
     with command(bags, out) as first:
-        while not results(out):
-            assert first.poll() is None
-            time.sleep(0.02)
+        wait_for_a_result(first, out)
         os.killpg(first.pid, signal.SIGKILL)
     done = results(out)
     assert len(done) < RIGS
@@ -219,9 +224,7 @@ def test_ctrl_c_leaves_all_that_is_done(bags, tmp_path):
     pytest.importorskip('distributed')
     out = tmp_path / 'out'
     with command(bags, out) as process:
-        while not results(out):
-            assert process.poll() is None
-            time.sleep(0.02)
+        wait_for_a_result(process, out)
         os.killpg(process.pid, signal.SIGINT)
         _, said = process.communicate(timeout=60)
     assert process.returncode == 130
