@@ -9,11 +9,11 @@ from hydro_twin.keep.settings import SETTINGS as KEEP
 from hydro_twin.live.settings import SETTINGS
 from hydro_twin.plants import PLANTS
 
-TYPES = {'model': str, 'models': list[str], 'plant': str, 'mode': str, 'wait': float,
-         'autostart': bool, 'use_sim_time': bool}   # parameters that are arguments
+TYPES = {'model': str, 'models': list[str], 'plant': str, 'mode': str, 'horizon': int,
+         'wait': float, 'autostart': bool, 'use_sim_time': bool}   # parameters that are arguments
 ABOUT = {setting.name: setting.description for setting in SETTINGS}
 POLICY = next(setting for setting in KEEP if setting.name == 'policy')
-MODES = next(setting.choices for setting in SETTINGS if setting.name == 'mode')
+MODE = next(setting for setting in SETTINGS if setting.name == 'mode')
 
 
 def generate_launch_description():
@@ -27,8 +27,9 @@ def generate_launch_description():
         DeclareLaunchArgument('config', default_value='',
                               description='parameter file with the signal map of your rig; '
                               'if not given, the one that comes with the plant'),
-        DeclareLaunchArgument('mode', default_value='one_step', choices=MODES,
-                              description=ABOUT['mode']),
+        DeclareLaunchArgument('mode', default_value=MODE.default, choices=MODE.choices,
+                              description=MODE.description),
+        DeclareLaunchArgument('horizon', default_value='1', description=ABOUT['horizon']),
         DeclareLaunchArgument('wait', default_value='0.1', description=ABOUT['wait']),
         DeclareLaunchArgument('autostart', default_value='true', choices=['true', 'false'],
                               description=ABOUT['autostart']),

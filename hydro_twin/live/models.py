@@ -50,13 +50,14 @@ def choices(model: str, models: Sequence[str]) -> list[Choice]:
 def load_twin(choice: Choice, mode: str) -> Twin:
     """Load a model, describe it, and compile its step; this takes its time.
 
+    A model that lacks its noise, as one with a network, runs one_step in place of the observer.
+
     Raises:
         ModelError: the model cannot be used.
     """
     predictor = load_predictor(choice.path)
     if mode not in modes_of(predictor.model):
-        raise ModelError(f'{choice.path}: no section `observer`, which mode observer needs: '
-                         '`refit` and `trace` write it for analytical models')
+        mode = 'one_step'
     about = {'name': choice.name, 'path': str(choice.path),
              'sha256': source_of(choice.path).sha256, 'mode': mode, **document(predictor.model)}
     twin = Twin(choice.name, predictor, mode, about)

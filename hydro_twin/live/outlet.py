@@ -1,4 +1,4 @@
-"""Where the predictions of one twin go, and the states that its observer estimates."""
+"""Where the predictions of one twin go, and what its observer estimates beside them."""
 from __future__ import annotations
 
 from collections.abc import Callable
@@ -13,18 +13,24 @@ Publish = Callable[[bytes], object]
 class Outlet:
     """Steps a twin and publishes what it can stand behind; its twin may be exchanged."""
 
-    def __init__(self, twin: Twin, prediction: Publish, residual: Publish, states: Publish
-                 ) -> None:
-        """Publish serialised JointStates."""
+    def __init__(self, twin: Twin, horizon: int, prediction: Publish, residual: Publish,
+                 states: Publish, ahead: Publish) -> None:
+        """Publish serialised JointStates; those ahead are so many samples ahead."""
         self.twin = twin
+        self.horizon = horizon
         self.states_wanted = False      # by a subscriber: nobody else needs the work
+        self.ahead_wanted = False
         plant = twin.predictor.plant
         self._writer = Writer([plant.output.name], plant.output.unit)
         self._states_writer = Writer(
             [*plant.states, *(f'{name}_std' for name in plant.states)], '')
+        self._ahead_writer = Writer([plant.output.name, f'{plant.output.name}_std'],
+                                    plant.output.unit)
+        self._period = round(twin.predictor.sample_time * 1e9)
         self._prediction = prediction
         self._residual = residual
         self._states = states
+        self._ahead = ahead
         self._next: Twin | None = None
         self._left = 0   # steps that it has to start up
 
@@ -51,6 +57,9 @@ class Outlet:
                 self._residual(self._writer.write(stamp, twin.residual))
             if self.states_wanted and (estimate := twin.estimate) is not None:
                 self._states(self._states_writer.write(stamp, *estimate.ravel()))
+            if self.ahead_wanted and (ahead := twin.ahead(self.horizon)) is not None \
+                    and ahead[0] == ahead[0]:
+                self._ahead(self._ahead_writer.write(stamp + self.horizon * self._period, *ahead))
 
     def _start_up(self, twin: Twin, stamp: int, inputs: FloatArray, measured: float) -> None:
         """Step the twin that is to take over, until its next step is a prediction."""

@@ -17,7 +17,7 @@ class Setting:
     """
 
     name: str
-    default: str | float | bool | tuple[str, ...]
+    default: str | float | int | bool | tuple[str, ...]
     description: str
     choices: tuple[str, ...] = ()
     bounds: tuple[float, float] | None = None
@@ -30,9 +30,11 @@ class Setting:
         if self.bounds is None:
             return ''
         low, high = self.bounds
-        if isinstance(value, bool) or not isinstance(value, int | float) \
+        whole = isinstance(self.default, int)
+        if isinstance(value, bool) or not isinstance(value, int if whole else int | float) \
                 or not low <= value <= high:
-            return f'{self.name} {value!r}: a number from {low:g} to {high:g} is needed'
+            kind = 'whole number' if whole else 'number'
+            return f'{self.name} {value!r}: a {kind} from {low:g} to {high:g} is needed'
         return ''
 
 
@@ -42,10 +44,13 @@ SETTINGS = (
     Setting('models', ('',), 'more model files, side by side on ~/NAME/prediction: NAME=PATH or '
             'PATH'),
     Setting('plant', '', 'plant that the models must be of; if not given, that of the model'),
-    Setting('mode', 'one_step', 'one_step: from measured outputs up to the sample before; '
-            'observer: likewise, by a Kalman filter about the model; free_run: from commands '
-            'only; may be set while the node runs',
+    Setting('mode', 'observer', 'observer: from measured outputs up to the sample before, by a '
+            'Kalman filter about the model; a model that lacks its noise runs one_step instead; '
+            'one_step: likewise, by the difference equation; free_run: from commands only; may be '
+            'set while the node runs',
             choices=('one_step', 'free_run', 'observer')),
+    Setting('horizon', 1, 'how many samples ahead ~/ahead predicts, in mode observer; may be set '
+            'while the node runs', bounds=(1, 10_000)),
     Setting('wait', 0.1, 'how long a late input is waited for before its last value is held [s]; '
             'may be set while the node runs', bounds=(0.0, 10.0)),
     Setting('sample_time', 0.0, 'clock of the offline verbs that read the same file [s]; the node '

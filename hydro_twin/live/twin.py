@@ -32,7 +32,7 @@ class Twin:
         Args:
             name: among the topics, '' for the main one.
             predictor: of any kind.
-            mode: one_step or free_run.
+            mode: one of `modes_of` its model.
             about: what to tell others of the model.
         """
         self.name = name
@@ -68,6 +68,14 @@ class Twin:
         """
         return getattr(self._stepper, 'estimate', None)
 
+    def ahead(self, samples: int) -> tuple[float, float] | None:
+        """Predict the output so many samples after the last, and its standard deviation.
+
+        None of a mode that does not estimate the states.
+        """
+        predict = getattr(self._stepper, 'ahead', None)
+        return None if predict is None else predict(samples)
+
     def warm_up(self) -> None:
         """Step until a prediction comes, so that all is compiled before the first sample."""
         stepper, plant = self.predictor.stepper(self.mode), self.predictor.plant
@@ -102,6 +110,6 @@ class Twin:
         self.predictions += 1
         self.residual = measured - prediction
         if (self.monitor is not None and self.residual == self.residual     # not nan
-                and self._count > self._unscored):                          # as the promise
+                and self.scored):                                           # as the promise
             self.monitor.add(stamp, self.residual)
         return prediction

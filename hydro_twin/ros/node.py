@@ -58,6 +58,7 @@ class TwinNode(LifecycleNode):
         self._diagnosis: Diagnosis | None = None
         self._outlets: list[Outlet] = []
         self._chosen: list[Choice] = []
+        self._mode = ''                       # as asked for
         self._swaps: deque[Twin] = deque()    # loaded, to take over at the next message
         self._restore: str | None = None      # the value of `model` before it was refused
         self._timer: Timer | None = None      # of an active node
@@ -150,8 +151,8 @@ class TwinNode(LifecycleNode):
     def _configure(self) -> None:
         """Make everything that an active node needs."""
         self._chosen = self._choices()
-        mode = self.get_parameter('mode').value
-        twins = [load_twin(choice, mode) for choice in self._chosen]
+        self._mode = self.get_parameter('mode').value
+        twins = self._load(self._chosen, self._mode)
         for twin in twins:
             same_inputs(twin, twins[0])
         predictor = twins[0].predictor
@@ -163,9 +164,24 @@ class TwinNode(LifecycleNode):
         signals = self._topics.resolved(self._signals.read(predictor.plant))
         self._live = Live(predictor.plant, signals, predictor.sample_time,
                           self.get_parameter('wait').value)
-        self._outlets = [self._topics.outlet(twin) for twin in twins]
+        horizon = self.get_parameter('horizon').value
+        self._outlets = [self._topics.outlet(twin, horizon) for twin in twins]
         self._diagnosis = Diagnosis(self._live, twins)
         self._announcer.info(twins)
+
+    def _load(self, chosen: Sequence[Choice], mode: str) -> list[Twin]:
+        """Load models, and say which of them cannot run in a mode.
+
+        Raises:
+            ModelError: one cannot be used.
+        """
+        twins = [load_twin(choice, mode) for choice in chosen]
+        for choice, twin in zip(chosen, twins, strict=True):
+            if twin.mode != mode:
+                self.get_logger().warning(
+                    f'{choice.path} has no section `{mode}`, so it runs {twin.mode}: `refit` and '
+                    '`trace` write one for analytical models')
+        return twins
 
     def _choices(self) -> list[Choice]:
         """List the models that the parameters ask for."""
@@ -319,6 +335,9 @@ class TwinNode(LifecycleNode):
             return
         if 'wait' in values:
             self._live.aligner.bound_wait(values['wait'])
+        if 'horizon' in values:
+            for outlet in self._outlets:
+                outlet.horizon = values['horizon']
         if 'model' in values or 'mode' in values:
             model = self._chosen[0].path if 'model' not in values else values['model']
             self._worker.do(partial(self._reload, Path(model).expanduser(),
@@ -334,21 +353,20 @@ class TwinNode(LifecycleNode):
         if diagnosis is None:
             return   # cleaned up meanwhile
         try:
-            changed = chosen if mode != diagnosis.twins[0].mode else chosen[:1]
-            twins = [load_twin(choice, mode) for choice in changed]
+            twins = self._load(chosen if mode != self._mode else chosen[:1], mode)
             same_inputs(twins[0], diagnosis.twins[0])
         except ModelError as error:
             self.get_logger().error(f'refused, the model before it still runs: {error}')
             self._announcer.event('refused', says=str(error))
             self._restore = str(first.path)
             return
-        self._chosen = chosen
+        self._chosen, self._mode = chosen, mode
         self._swaps.extend(twins)
         running = {twin.name: twin for twin in [*diagnosis.twins, *twins]}
         self._diagnosis = Diagnosis(diagnosis.live, list(running.values()))
         self._announcer.info(self._diagnosis.twins)
-        self._announcer.event('swapped', model=str(model), mode=mode)
-        self.get_logger().info(f'{model} takes over, {mode}')
+        self._announcer.event('swapped', model=str(model), mode=twins[0].mode)
+        self.get_logger().info(f'{model} takes over, {twins[0].mode}')
 
     def _diagnose(self, elapsed: float) -> None:
         """Judge the residuals, publish diagnostics, tidy up."""

@@ -4,7 +4,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-from rcl_interfaces.msg import FloatingPointRange, ParameterDescriptor
+from rcl_interfaces.msg import FloatingPointRange, IntegerRange, ParameterDescriptor
 from rclpy.node import Node
 from rclpy.parameter import Parameter
 
@@ -19,15 +19,21 @@ PREFIX = 'signals.'
 def declare_parameters(node: Node, settings: Sequence[Setting] = SETTINGS) -> None:
     """Declare the parameters that do not hang on the plant."""
     for setting in settings:
-        ranges = [FloatingPointRange(from_value=setting.bounds[0], to_value=setting.bounds[1])
-                  ] if setting.bounds else []
+        descriptor = ParameterDescriptor(
+            description=setting.description, read_only=setting.read_only,
+            additional_constraints=' or '.join(setting.choices))
+        if setting.bounds:
+            low, high = setting.bounds
+            if isinstance(setting.default, int):
+                descriptor.integer_range = [IntegerRange(from_value=int(low), to_value=int(high))]
+            else:
+                descriptor.floating_point_range = [FloatingPointRange(
+                    from_value=low, to_value=high)]
+                descriptor.dynamic_typing = True    # so that 1 will do for 1.0
         node.declare_parameter(
             setting.name,
             list(setting.default) if isinstance(setting.default, tuple) else setting.default,
-            ParameterDescriptor(
-                description=setting.description, read_only=setting.read_only,
-                additional_constraints=' or '.join(setting.choices), floating_point_range=ranges,
-                dynamic_typing=bool(ranges)))   # so that 1 will do for 1.0
+            descriptor)
 
 
 def objection(name: str, value: Any, settings: Sequence[Setting] = SETTINGS) -> str:

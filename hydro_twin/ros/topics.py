@@ -50,7 +50,7 @@ class Topics:
         self._given: dict[str, str] = {}   # resolved name -> as it was given
         self._inputs: dict[str, Subscription] = {}
         self._outputs: list[LifecyclePublisher] = []
-        self._states: list[tuple[Outlet, LifecyclePublisher]] = []
+        self._estimates: list[tuple[Outlet, LifecyclePublisher, LifecyclePublisher]] = []
 
     def resolved(self, signals: Mapping[str, SignalMap]) -> dict[str, SignalMap]:
         """Check where signals are to be found, and name their topics as they are subscribed to.
@@ -86,23 +86,26 @@ class Topics:
                 QoSProfile(depth=self._depth, reliability=ReliabilityPolicy.BEST_EFFORT), raw=True,
                 qos_overriding_options=OVERRIDES)
 
-    def outlet(self, twin: Twin) -> Outlet:
-        """Create the topics of a twin.
+    def outlet(self, twin: Twin, horizon: int) -> Outlet:
+        """Create the topics of a twin, one of which is so many samples ahead.
 
         Raises:
             UserError: a QoS override is wrong.
         """
         prefix = f'~/{twin.name}/' if twin.name else '~/'
-        prediction, residual, states = (self._output(f'{prefix}{topic}')
-                                        for topic in ('prediction', 'residual', 'states'))
-        outlet = Outlet(twin, prediction.publish, residual.publish, states.publish)
-        self._states.append((outlet, states))
+        prediction, residual, states, ahead = (
+            self._output(f'{prefix}{topic}')
+            for topic in ('prediction', 'residual', 'states', 'ahead'))
+        outlet = Outlet(twin, horizon, prediction.publish, residual.publish, states.publish,
+                        ahead.publish)
+        self._estimates.append((outlet, states, ahead))
         return outlet
 
     def note_subscribers(self) -> None:
-        """See for which twins somebody listens to the states."""
-        for outlet, publisher in list(self._states):
-            outlet.states_wanted = publisher.get_subscription_count() > 0
+        """See for which twins somebody listens to the states, and to what is ahead."""
+        for outlet, states, ahead in list(self._estimates):
+            outlet.states_wanted = states.get_subscription_count() > 0
+            outlet.ahead_wanted = ahead.get_subscription_count() > 0
 
     def _output(self, topic: str) -> Any:
         with blamed(self._node.resolve_topic_name(topic)):
@@ -123,7 +126,7 @@ class Topics:
     def close(self) -> None:
         """Unsubscribe, and publish no more."""
         self.stop_listening()
-        self._states.clear()
+        self._estimates.clear()
         while self._outputs:
             self._node.destroy_lifecycle_publisher(self._outputs.pop())
         self._given.clear()

@@ -1,6 +1,7 @@
 """The live twin on serialised messages: what a rig sends, and what a rig must not send."""
 from __future__ import annotations
 
+from dataclasses import replace
 import math
 from pathlib import Path
 
@@ -16,7 +17,7 @@ from hydro_twin.live.outlet import Outlet
 from hydro_twin.live.reader import Reader
 from hydro_twin.live.twin import Twin
 from hydro_twin.live.writer import Writer
-from hydro_twin.model import write_model
+from hydro_twin.model import Noise, write_model
 from hydro_twin.recording.cdr import CdrError
 from hydro_twin.recording.signals import SignalMap
 
@@ -205,7 +206,7 @@ def test_a_twin_that_diverges_is_reset_and_publishes_nothing() -> None:
     echo = Echo(model(), gain=100.0)
     twin = Twin('', echo, 'free_run')
     sent: list[bytes] = []
-    outlet = Outlet(twin, sent.append, ignore, ignore)
+    outlet = Outlet(twin, 1, sent.append, ignore, ignore, ignore)
     for k in range(100):
         outlet.step(k * STEP, [0.0, 0.0], 1.0)   # type: ignore[arg-type]
     read = Reader([SignalMap('/a', 'sensor_msgs/msg/JointState', 'effort[0]')]).read
@@ -218,7 +219,7 @@ def test_a_missing_measurement_leaves_no_residual() -> None:
     twin = Twin('', Echo(model()), 'one_step')
     residuals: list[bytes] = []
     predictions: list[bytes] = []
-    outlet = Outlet(twin, predictions.append, residuals.append, ignore)
+    outlet = Outlet(twin, 1, predictions.append, residuals.append, ignore, ignore)
     for measured in (1.0, 1.0, math.nan):
         outlet.step(0, [0.0, 0.0], measured)   # type: ignore[arg-type]
     assert (len(predictions), len(residuals)) == (2, 1)
@@ -227,7 +228,7 @@ def test_a_missing_measurement_leaves_no_residual() -> None:
 def test_a_twin_that_takes_over_costs_no_prediction() -> None:
     """It is published once it predicts; what it starts with is made by the one before."""
     sent: list[bytes] = []
-    outlet = Outlet(Twin('', Echo(model()), 'one_step'), sent.append, ignore, ignore)
+    outlet = Outlet(Twin('', Echo(model()), 'one_step'), 1, sent.append, ignore, ignore, ignore)
     for k in range(20):
         if k == 10:
             outlet.exchange(Twin('', Echo(model(), gain=2.0), 'one_step'))
@@ -275,8 +276,11 @@ def test_a_model_of_another_plant_is_refused(tmp_path) -> None:   # type: ignore
         same_inputs(slow, twin)
 
 
-def test_a_model_without_noise_cannot_run_the_observer(tmp_path: Path) -> None:
-    path = tmp_path / 'old.yaml'
-    write_model(model(), path)
-    with pytest.raises(ModelError, match=r'old\.yaml: no section `observer`, which mode observer'):
-        load_twin(choices(str(path), [])[0], 'observer')
+@pytest.mark.parametrize(('noise', 'mode'), [
+    (None, 'one_step'),
+    (Noise(0.6, dict.fromkeys(PLANT.states, 0.1), dict.fromkeys(PLANT.states, 1.0)), 'observer')])
+def test_a_model_that_lacks_its_noise_runs_one_step_in_place_of_the_observer(
+        tmp_path: Path, noise: Noise | None, mode: str) -> None:
+    path = tmp_path / 'model.yaml'
+    write_model(replace(model(), noise=noise), path)
+    assert load_twin(choices(str(path), [])[0], 'observer').mode == mode

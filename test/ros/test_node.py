@@ -112,18 +112,27 @@ def test_live_is_replay_to_the_last_digit(rig: Rig, bag: Path, model: Path, mode
 def test_the_observer_publishes_the_states_that_nobody_measures(rig: Rig, bag: Path, model: Path
                                                                 ) -> None:
     states = rig.listen('/hydro_twin/states', JointState)
+    ahead = rig.listen('/hydro_twin/ahead', JointState)
     predictor = load_predictor(model)
     recording = read_recording([bag], load_signals('load_simulator', NAMES), ['u_m'], 0.002)
-    expected = {}
+    expected, later = {}, {}
     for series in recording.series:
-        _, estimates = Analytical(predictor.model).filter.run(
-            np.column_stack([series[name] for name in ('u_m', 'theta_d')]), series['T_g'], True)
+        inputs = np.column_stack([series[name] for name in ('u_m', 'theta_d')])
+        _, estimates = Analytical(predictor.model).filter.run(inputs, series['T_g'], True)
         expected |= {series.start + k * STEP: estimate.ravel().tolist()
                      for k, estimate in enumerate(estimates)}
-    with twin(model=model, mode='observer', **lossless(outputs=[*OUTPUTS, '/hydro_twin/states'])):
+        stepper = Analytical(predictor.model).stepper('observer')
+        for k, row in enumerate(zip(inputs, series['T_g'].tolist(), strict=True)):
+            stepper.step(*row)
+            later[series.start + (k + 20) * STEP] = stepper.ahead(20)
+    with twin(model=model, horizon=20, **lossless(
+            outputs=[*OUTPUTS, '/hydro_twin/states', '/hydro_twin/ahead'])):
         rig.ready()
         play(bag)
-        rig.until(lambda: len(states) >= len(expected), 'all is estimated')
+        rig.until(lambda: len(states) >= len(expected) and len(ahead) >= len(later),
+                  'all is estimated')
+    assert [(stamp_of(m), *m.effort) for m in ahead] == [(k, *both) for k, both in later.items()]
+    assert ahead[0].name == ['T_g', 'T_g_std']
     assert [stamp_of(m) for m in states] == list(expected)
     names = ['x_v', 'p_L', 'omega_j', 'theta_j']
     assert states[0].name == [*names, *(f'{name}_std' for name in names)]
