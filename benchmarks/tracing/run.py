@@ -13,15 +13,19 @@ from multiprocessing import get_context
 from pathlib import Path
 import time
 import traceback
-from typing import Any
+from typing import Any, TYPE_CHECKING
 
 from rich.console import Console
 from rich.progress import Progress
 
-from benchmarks.tracing.cases import case_of, cases, FIRST_SEED, KINDS
+from benchmarks.tracing.cases import BLOCK, case_of, cases, FIRST_SEED, KINDS
 from benchmarks.tracing.figures import read, report
 from benchmarks.tracing.linear_fit import shows
 from benchmarks.tracing.true_fit import error_on_test, shows_beside, true_fit
+
+if TYPE_CHECKING:
+    from hydro_twin.plants import Plant
+    from hydro_twin.recording.series import Recording
 
 TraceOne = Callable[[int], dict[str, Any]]     # of a seed, to a line of results
 
@@ -46,6 +50,13 @@ def arguments(doc: str, kinds: Sequence[str], count: int) -> argparse.Namespace:
     parser.add_argument('--seed', type=int, nargs='+', help='these seeds only')
     parser.add_argument('--workers', type=int, default=2)
     return parser.parse_args()
+
+
+def seeds_of(asked: argparse.Namespace, kinds: Sequence[str]) -> list[int]:
+    """List the seeds asked for, where each kind has its block of them."""
+    named: list[int] = asked.seed or [FIRST_SEED[asked.seeds] + BLOCK * kinds.index(kind) + k
+                                      for kind in asked.kinds for k in range(asked.count)]
+    return named
 
 
 def complete(output: Path, seeds: Sequence[int], trace_one: TraceOne, workers: int) -> None:
@@ -74,11 +85,23 @@ def traced(seeds: Sequence[int], trace_one: TraceOne, workers: int) -> Iterator[
             pool.shutdown(cancel_futures=True)
 
 
+def add_trace(line: dict[str, Any], recording: Recording, plant: Plant) -> None:
+    """Add to a line what the tracer says ('report' or 'failure') and how long it takes."""
+    from hydro_twin.report.summary import summarise
+    from hydro_twin.residual.trace import trace
+
+    begin = time.perf_counter()
+    try:
+        summary = summarise(trace(recording, None, plant))
+        line['report'] = {name: part for name, part in summary.items() if name != 'series'}
+    except Exception:    # a rig that breaks the tracer is a result, and the others go on
+        line['failure'] = traceback.format_exc()
+    line['seconds'] = time.perf_counter() - begin
+
+
 def trace_rig(seed: int) -> dict[str, Any]:
     """Return the truth, what the tracer said ('report' or 'failure') and how long it took."""
     from hydro_twin.plants.load_simulator import LOAD_SIMULATOR
-    from hydro_twin.report.summary import summarise
-    from hydro_twin.residual.trace import trace
 
     case = case_of(seed)
     rig = case.rig()
@@ -96,14 +119,7 @@ def trace_rig(seed: int) -> dict[str, Any]:
         line['true_error'] = error_on_test(best, rig)
         if case.kind == 'pair':
             line['shows_beside'] = shows_beside(best, rig)
-    begin = time.perf_counter()
-    try:
-        found = trace(rig.recording(), None, LOAD_SIMULATOR)
-        summary = summarise(found)
-        line['report'] = {name: part for name, part in summary.items() if name != 'series'}
-    except Exception:    # a rig that breaks the tracer is a result, and the others go on
-        line['failure'] = traceback.format_exc()
-    line['seconds'] = time.perf_counter() - begin
+    add_trace(line, rig.recording(), LOAD_SIMULATOR)
     return line
 
 

@@ -7,8 +7,6 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 import math
-import time
-import traceback
 from typing import Any
 
 import numpy as np
@@ -17,7 +15,7 @@ from scipy.signal import lfilter
 
 from benchmarks.tracing.cases import BLOCK, FIRST_SEED
 from benchmarks.tracing.figures import read, report
-from benchmarks.tracing.run import arguments, complete
+from benchmarks.tracing.run import add_trace, arguments, complete, seeds_of
 from benchmarks.tracing.servo_laws import Around, DRAWS, Fields, integrate, Scales, Servo
 from benchmarks.tracing.signals import delayed, FloatArray, Generator, noise, on_steps, play
 from hydro_twin.recording.series import Recording, Series
@@ -157,8 +155,6 @@ def _decays(r: Servo) -> FloatArray:
 def trace_servo(seed: int) -> dict[str, Any]:
     """Return the truth, what the tracer said ('report' or 'failure') and how long it took."""
     from hydro_twin.plants.valve_servo import VALVE_SERVO
-    from hydro_twin.report.summary import summarise
-    from hydro_twin.residual.trace import trace
 
     kind, choice, excitation, snr_db = case_of(seed)
     rig = make_rig(seed)
@@ -169,23 +165,14 @@ def trace_servo(seed: int) -> dict[str, Any]:
                                             'fields': rig.fields},
         'shows': shows(rig), 'true_error': None,
     }
-    begin = time.perf_counter()
-    try:
-        found = trace(rig.recording(), None, VALVE_SERVO)
-        summary = summarise(found)
-        line['report'] = {name: part for name, part in summary.items() if name != 'series'}
-    except Exception:    # a rig that breaks the tracer is a result, and the others go on
-        line['failure'] = traceback.format_exc()
-    line['seconds'] = time.perf_counter() - begin
+    add_trace(line, rig.recording(), VALVE_SERVO)
     return line
 
 
 def main() -> None:
     """Trace the servos that the file lacks, then print the figures of all in it."""
     asked = arguments(__doc__, KINDS, 24)
-    seeds = asked.seed or [FIRST_SEED[asked.seeds] + BLOCK * KINDS.index(kind) + i
-                           for kind in asked.kinds for i in range(asked.count)]
-    complete(asked.output, seeds, trace_servo, asked.workers)
+    complete(asked.output, seeds_of(asked, KINDS), trace_servo, asked.workers)
     print(report(read(asked.output)))
 
 
