@@ -5,6 +5,7 @@ from hydro_twin.compiled import compiled
 from hydro_twin.effects.effect import Effect, EffectParameter, Span, Starts
 
 HARD = 0.02             # softness below which there is a corner
+REACHED = 0.8           # share of a limit that a soft one must come to, or it is but a bend
 
 
 @compiled
@@ -36,6 +37,13 @@ def refined(span: Span, values: tuple[float, ...]) -> Starts:
     return [*ways, (values[0], values[1], 0.37)]
 
 
+def distinguishable(span: Span, values: tuple[float, ...]) -> bool:
+    """Tell a limit that is reached, one way at least, from a gain that falls with the speed."""
+    limit, imbalance, _ = values
+    return (span.high >= REACHED * limit * (1.0 + imbalance)
+            or span.low <= -REACHED * limit * (1.0 - imbalance))
+
+
 EFFECT = Effect(
     id='rate_limit',
     title='rate limit',
@@ -51,5 +59,6 @@ EFFECT = Effect(
     excitation='use fast large steps',
     beyond_reach=True,
     refined=refined,
+    distinguishable=distinguishable,
     law=law,
 )

@@ -101,7 +101,7 @@ class Candidate:
     sample_time: float
     effects: tuple[Placed, ...] = ()
     timing: Mapping[str, float] | None = None
-    substeps: int = 4
+    substeps: int = 2
 
     @cached_property
     def system(self) -> System:
@@ -141,7 +141,8 @@ class Candidate:
         """Find the state at the begin of a part that its first samples show."""
         n = part.beginning(self.start_up)
         least = max(1e-3 * rms(part.measured), 1e-12)
-        return find_start(self.system, self.start_tangent, self.free_response(n), part.inputs[:n],
+        response = self.first_response if n <= self.start_up else self.free_response(n)
+        return find_start(self.system, self.start_tangent, response[:n], part.inputs[:n],
                           part.measured[:n], least)
 
     def free_response(self, samples: int) -> FloatArray:
@@ -153,9 +154,14 @@ class Candidate:
         return response[:samples]
 
     @cached_property
+    def first_response(self) -> FloatArray:
+        """How the output moves with the state over the start-up, linear laws, (start-up, n)."""
+        return self.free_response(self.start_up)
+
+    @cached_property
     def usual_response(self) -> FloatArray:
         """RMS of the output's response to the state at the start, linear laws, (n,)."""
-        response: FloatArray = np.sqrt(np.mean(self.free_response(self.start_up)**2, axis=0))
+        response: FloatArray = np.sqrt(np.mean(self.first_response**2, axis=0))
         return response
 
     def run(self, part: Part, seen: FloatArray | None = None) -> FloatArray:

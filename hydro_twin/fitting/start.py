@@ -173,8 +173,12 @@ def find_start(system: System, tangent: Tangent, response: FloatArray, inputs: F
         for i in np.flatnonzero(width):
             sides += [np.where(np.arange(len(scale)) == n + i, value, best.state)
                       for value in (*kept[i], kept[i].mean())]
-        there = min((at(side + follows @ np.nan_to_num(at(side).missed)) for side in sides),
-                    key=lambda side: side.power)
+        begun = np.array(sides)
+        missed = measured - system.run_each(inputs, begun)
+        begun += np.nan_to_num(missed) @ follows.T
+        missed = measured - system.run_each(inputs, begun)
+        powers = np.nan_to_num(np.sum(missed**2, axis=1), nan=math.inf)
+        there = at(begun[int(np.argmin(powers))])
         if there.power < NEARER * best.power:
             there, others = search(there, every)
             if there.power < MOVES * best.power:

@@ -23,6 +23,7 @@ if TYPE_CHECKING:
     from hydro_twin.predictors.observer import Observer
 
 HISTORY = 256                               # samples of inputs a live run keeps
+NO_STATES = np.empty((0, 2, 0))             # of a run of the observer that does not want them
 
 
 class Analytical:
@@ -144,7 +145,7 @@ class Observed(FreeRun):
         from hydro_twin.predictors.observer import run
 
         super().__init__(observer.system)
-        self.run = run
+        self.run, self.observer = run, observer
         self.filter = (observer.system.step, observer.tangent, observer.filter, observer.scratch())
         self.measured = np.empty(len(self.inputs))
         self.results = np.empty((len(self.inputs), 2))
@@ -163,6 +164,25 @@ class Observed(FreeRun):
         """The states at the last sample and their standard deviations, (2, n)."""
         estimate: FloatArray = self.states[self.k]
         return estimate
+
+    def ahead(self, samples: int) -> tuple[float, float]:
+        """Predict the output so many samples after the last, with all inputs held.
+
+        Returns:
+            The output and its standard deviation, as it would be measured; nan where the run
+            diverges.
+        """
+        step, tangent, filter_, scratch = self.filter
+        known = min(self.k + 1, self.keep)
+        inputs = np.empty((known + samples, self.inputs.shape[1]))
+        inputs[:known] = self.inputs[self.k + 1 - known:self.k + 1]
+        inputs[known:] = self.inputs[self.k]
+        copy = self.observer.scratch()
+        copy.S[:] = scratch.S
+        results = np.empty((len(inputs), 2))
+        self.run(step, tangent, filter_, copy, self.x.copy(), self.z.copy(), inputs,
+                 np.full(len(inputs), math.nan), known, len(inputs), results, NO_STATES)
+        return float(results[-1, 0]), math.sqrt(results[-1, 1])
 
 
 class OneStep:

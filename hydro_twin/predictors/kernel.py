@@ -245,6 +245,13 @@ def run(step, x, z, work, inputs, y, seen):  # type: ignore[no-untyped-def]
 
 
 @compiled
+def run_each(step, x, z, work, inputs, y, unseen):  # type: ignore[no-untyped-def]
+    """Fill each row of y (K, N) by a run from its own state x[k] and memory z[k]."""
+    for k in range(len(y)):
+        run(step, x[k], z[k], work, inputs, y[k], unseen)
+
+
+@compiled
 def eq_1(a, b, past, inputs, k):  # type: ignore[no-untyped-def]
     """Eq. 1 at sample k, from past[k-1], ..., past[k-n] and inputs[k], ..., inputs[k-n]."""
     value = 0.0

@@ -81,6 +81,18 @@ class System:
                    self.work(), inputs, y, np.empty((0, 0)) if seen is None else seen)
         return y
 
+    def run_each(self, inputs: FloatArray, starts: FloatArray) -> FloatArray:
+        """Run freely from each of K starts, state and memory side by side, (K, n + memory).
+
+        Returns:
+            The outputs, (K, N).
+        """
+        n = len(self.laws.A)
+        y = np.empty((len(starts), len(inputs)))
+        kernel.run_each(self.step, starts[:, :n].copy(), starts[:, n:].copy(), self.work(), inputs,
+                        y, np.empty((0, 0)))
+        return y
+
     def kept(self, inputs: FloatArray, x: FloatArray) -> FloatArray:
         """Return between what the effects may keep at the begin of a run, (memory, 2).
 

@@ -275,7 +275,9 @@ def _proven(chain: Chain, without: Fit, context: Context) -> Chain:
         if not is_distinguishable(bare[least], context.parts, found.index):
             least = k + (k >= least)
             break
-    return _proven(Chain(bare[least], other_findings(chain, least)), without, context)
+    # What stood beside the others need not be the best by itself.
+    chosen = _exchange(Chain(bare[least], other_findings(chain, least)), context, last=True)
+    return _proven(chosen, without, context)
 
 
 def supported(chain: Chain, without: Fit, context: Context) -> Chain:
@@ -362,25 +364,30 @@ def finely(fit: Fit, parts: Sequence[Part], finest: int) -> Fit:
     return fit if candidate is fit.candidate else search(candidate, parts, 40)
 
 
-def _exchange(chain: Chain, context: Context) -> Chain:
+def _exchange(chain: Chain, context: Context, last: bool = False) -> Chain:
     """Choose each earlier effect again, now that the last one is in the model.
 
     It may have become unnecessary, and is dropped; or it may have stood in for two, and another
     replaces it. Its rivals are those beside the other effects.
+
+    Args:
+        chain: a model that has grown.
+        context: the data.
+        last: whether to choose the last one again, too.
     """
-    for k, found in enumerate(chain.findings[:-1]):
+    for k, found in enumerate(chain.findings[:None if last else -1]):
         placed = chain.fit.candidate.effects[found.index]
         (without,), rest = context.without(chain, [found]), other_findings(chain, k)
         with_it, bare = criterion([chain.fit, without])
         if bare < with_it + CLEARLY or share(without, chain.fit) < WORTH:
-            return _exchange(Chain(without, rest), context)
+            return _exchange(Chain(without, rest), context, last)
         alternatives = context.fit_alternatives(without, AGAIN)
         scores = criterion([chain.fit, *(c.fit for c in alternatives)])
         if alternatives and scores[1] < scores[0] - CLEARLY:
             first, *others = alternatives
             instead = _finding(without, first.fit, others, len(without.candidate.effects))
             better = finely(first.fit, context.parts, FINE_ENOUGH)
-            return _exchange(Chain(better, (*rest, instead)), context)
+            return _exchange(Chain(better, (*rest, instead)), context, last)
         others = [c for c in alternatives
                   if (c.id, c.placed.port) != (placed.effect.id, placed.port)]
         kept = _finding(without, chain.fit, others, found.index)

@@ -119,13 +119,18 @@ def is_better(found: FittedCurve, base: Fit, named: Fit, curves: Sequence[Depend
     """
     here = [found.placed, *(other for other, distance in found.others if distance < CLEARLY)]
     biased = any(is_bias(placed) for placed in named.candidate.effects)
-    explained = base.error**2 - named.error**2
     drawn = (any(is_drawn((one.port, one.effect.reads[0]), named, curves) for one in here)
-             and explained > DRAWN * (base.error**2 - found.fit.error**2))
+             and explains_most(base, named, found.fit))
     if drawn or (biased and is_mostly_constant(found.fit, held_out)):
         return False
     with_curve, with_names = criterion([found.fit, named])
     return with_curve < with_names - CLEARLY and proof(named, found.fit, held_out, seed).high > 0.0
+
+
+def explains_most(base: Fit, named: Fit, with_curve: Fit) -> bool:
+    """Whether a law explains most of what a curve in its place does."""
+    explained = base.error**2 - named.error**2
+    return explained > DRAWN * (base.error**2 - with_curve.error**2)
 
 
 def is_drawn(place: tuple[Port, str], named: Fit, curves: Sequence[Dependence]) -> bool:

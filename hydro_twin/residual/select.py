@@ -9,7 +9,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
-from itertools import islice
+from itertools import compress, islice
 import math
 
 import numpy as np
@@ -35,6 +35,7 @@ from hydro_twin.residual.noise import autoregression, whiten
 from hydro_twin.residual.screen import places, Prospect, screen, spans
 
 AGAIN = 5               # effects with the best scores that are searched from two starting points
+RACING, LEADING = 4, 10     # evaluations of every search; effects that are then searched on
 KEPT = 4                # effects that are fitted to convergence
 SHORT, LONG = 10, 40    # evaluations of a search: to compare, to converge
 WITHIN = 3.0            # ratio to the lowest error beyond which no refinement makes up for it
@@ -161,12 +162,28 @@ def fit_alternatives(base: Fit, parts: Sequence[Part], most: int, afresh: bool,
     plain = list(known)
     if afresh:
         plain += nearest(linear_starts(base.candidate, parts), parts)
+    return finish(base, race([*plain, *near], parts, progress), parts)
+
+
+def race(candidates: Sequence[Candidate], parts: Sequence[Part],
+         progress: Callable[[str], None]) -> list[Fit]:
+    """Search from every candidate for a few evaluations, then on from the leading ones.
+
+    Successive halving [Jamieson and Talwalkar 2016], in one step, of the best search of each
+    effect at each port. The others stay as they are. What hides may lead only in the end, so it
+    always goes on.
+    """
     tried = []
-    for fit in search_all([*plain, *near], parts, SHORT):   # the long ones first
+    for fit in search_all(candidates, parts, RACING):
         last = fit.candidate.effects[-1]
         progress(f'{last.effect.id} at {last.port.name}')
         tried.append(fit)
-    return finish(base, tried, parts)
+    tried = best_at_each_place(tried)
+    goes_on = [rank < LEADING or fit.candidate.effects[-1].effect.hides
+               for rank, fit in enumerate(tried)]
+    further = search_all([fit.candidate for fit in compress(tried, goes_on)], parts,
+                         SHORT - RACING)
+    return [next(further) if goes else fit for fit, goes in zip(tried, goes_on, strict=True)]
 
 
 def nothing_shows(base: Fit, prospects: Sequence[Prospect]) -> bool:

@@ -27,12 +27,11 @@ from hydro_twin.residual.chain import (
     without_last,
 )
 from hydro_twin.residual.curve import (
+    explains_most,
     find_curve,
     FittedCurve,
     is_better,
-    is_bias,
     is_drawn,
-    is_mostly_constant,
 )
 from hydro_twin.residual.evaluate import result_of
 from hydro_twin.residual.evidence import Evidence
@@ -293,17 +292,19 @@ def _contested(chain: Chain, parts: Sequence[Part], curves: Sequence[Dependence]
 def _still_needed(chain: Chain, found: FittedCurve, context: Context) -> tuple[Chain, FittedCurve]:
     """Withdraw named effects that the curve contains, as a bias that is its constant part.
 
-    But where the curve would be little else than this constant, it is a bias.
+    The least helpful first. But not one that explains by itself most of what the curve would in
+    its place, which then only describes it more finely.
     """
-    for k, finding in enumerate(chain.findings):
-        fit = search(found.fit.candidate.without(finding.index), context.parts, 25)
-        with_it, bare = criterion([found.fit, fit])
-        biased = is_bias(chain.fit.candidate.effects[finding.index])
-        if bare < with_it + CLEARLY and not (biased and is_mostly_constant(fit, context.parts)):
-            after = context.without(chain, [finding])[0]
-            helps = proof(after, fit, context.held_out, context.seed)
-            return _still_needed(Chain(after, other_findings(chain, k)),
-                                 replace(found, fit=fit, proof=helps), context)
+    bare = context.without(chain, chain.findings)
+    for k in sorted(range(len(bare)), key=lambda k: bare[k].error):
+        without = bare[k]
+        instead = search(found.fit.candidate.without(chain.findings[k].index), context.parts, 25)
+        with_it, without_it = criterion([found.fit, instead])
+        if (without_it < with_it + CLEARLY
+                and not explains_most(without, chain.fit, instead)):
+            helps = proof(without, instead, context.held_out, context.seed)
+            return _still_needed(Chain(without, other_findings(chain, k)),
+                                 replace(found, fit=instead, proof=helps), context)
     return chain, found
 
 

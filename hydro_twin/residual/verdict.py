@@ -3,7 +3,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 
-from hydro_twin.effects import Span
+from hydro_twin.effects import EFFECTS, Span
 from hydro_twin.plants import Plant, Port
 from hydro_twin.residual.chain import Finding
 from hydro_twin.residual.evidence import Evidence
@@ -57,10 +57,18 @@ def _judge(found: Evidence, finding: Finding, reach: Mapping[Port, Span]) -> Nam
 
 def _alike(plant: Plant, winner: str, ports: tuple[str, ...], reach: Mapping[Port, Span]
            ) -> list[str]:
-    """List other effects that would look the same at these ports in this recording."""
-    return [effect.id for effect, port in places(plant, ())
-            if port.name in ports and effect.passes_for is not None
-            and effect.passes_for(reach[port]) == winner]
+    """List other effects that would look the same at these ports in this recording.
+
+    Where a plant integrates, its output hardly moves at the frequencies that separate a delay from
+    other linear dynamics.
+    """
+    alike = [effect.id for effect, port in places(plant, ())
+             if port.name in ports and effect.passes_for is not None
+             and effect.passes_for(reach[port]) == winner]
+    dynamics = [effect.id for effect in EFFECTS if effect.dynamic]
+    if plant.integrates and winner in dynamics:
+        alike += sorted({*dynamics} - {winner})
+    return alike
 
 
 def _by_id(finding: Finding, winner: str, alike: list[str]) -> tuple[tuple[str, float], ...]:

@@ -153,3 +153,12 @@ def test_leakage_is_told_from_laminar():
     assert leakage.distinguishable(span, (1e-6, 0.5))
     assert leakage.distinguishable(span, (1e-6, 2.0))
     assert not leakage.distinguishable(span, (1e-6, 0.94))
+
+
+def test_a_soft_rate_limit_is_told_from_a_falling_gain_only_where_it_is_reached():
+    rate_limit = next(effect for effect in EFFECTS if effect.id == 'rate_limit')
+    span = Span(-0.3, 0.2, {}, {}, (0.0, 1.0), 0.002)
+    assert rate_limit.distinguishable(span, (0.3, 0.0, 0.0))
+    assert rate_limit.distinguishable(span, (0.35, 0.0, 0.5))
+    assert not rate_limit.distinguishable(span, (0.7, 0.0, 0.5))
+    assert rate_limit.distinguishable(span, (0.7, -0.65, 0.3))       # upwards only

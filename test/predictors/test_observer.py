@@ -89,6 +89,45 @@ def test_the_linear_observer_is_the_textbooks_kalman_filter(plant):
     np.testing.assert_allclose(states[-1] / start, [x, np.sqrt(np.diag(P))], atol=1e-7)
 
 
+def test_ahead_the_linear_observer_goes_on_by_the_matrices():
+    """From the states and standard deviations that an observer without correlations holds."""
+    laws, T = LOAD.laws(values_of(LOAD)), LOAD.sample_time
+    model = model_of(LOAD, noise=NOISE)
+    stepper = Analytical(model).stepper('observer')
+    stepper.step(np.array([0.3, 0.1]), math.nan)       # nothing is measured: the start as given
+    start = np.array([NOISE.start[name] for name in LOAD.states])
+    x = Analytical(model).system.start(np.array([0.3, 0.1]), 0.0)
+    intensity = np.array([NOISE.process.get(name, 0.0) for name in LOAD.states])
+    unit = np.diag(start)
+    A, B = np.linalg.solve(unit, laws.A @ unit), np.linalg.solve(unit, laws.B)
+    Phi, Gamma, C, D, _ = cont2discrete((A, B, laws.C @ unit, laws.D), T, 'zoh')
+    Q, x, P = covariance_of_noise(A, intensity / start, T), x / start, np.eye(len(start))
+    for samples in range(1, 301):
+        x, P = Phi @ x + Gamma @ [0.3, 0.1], Phi @ P @ Phi.T + Q
+        if samples in (1, 7, 300):
+            variance = float((C @ P @ C.T)[0, 0]) + NOISE.measurement ** 2
+            expected = float((C @ x + D @ [0.3, 0.1])[0]), math.sqrt(variance)
+            assert stepper.ahead(samples) == pytest.approx(expected, rel=1e-7)
+
+
+def test_ahead_is_a_run_of_held_inputs_in_which_nothing_is_measured():
+    """With memory, a delay, and more samples than a live run keeps."""
+    effects = (('backlash', 'coupling', {'gap': 1e-3}), ('delay', 'command', {'time': 0.0051}))
+    model = model_of(LOAD, effects, NOISE)
+    rng = np.random.default_rng(5)
+    inputs = 0.02 * np.cumsum(rng.standard_normal((900, 2)), axis=0)
+    measured = 5.0 * rng.standard_normal(900)
+    stepper = Analytical(model).stepper('observer')
+    for k in range(800):
+        before = stepper.step(inputs[k], measured[k])
+    inputs[800:], measured[800:] = inputs[799], math.nan
+    found, _ = Analytical(model).filter.run(inputs, measured)
+    assert before == found[799, 0]
+    for samples in (1, 40, 100):
+        y, deviation = stepper.ahead(samples)
+        assert (y, deviation ** 2) == pytest.approx(tuple(found[799 + samples]), rel=1e-12)
+
+
 def test_noise_over_a_long_time_is_the_stationary_covariance():
     """Of one state that decays, q^2 tau / 2, though e^(T / tau) overflows."""
     laws = PLANTS['valve_servo'].laws(values_of(PLANTS['valve_servo']))

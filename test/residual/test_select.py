@@ -82,8 +82,9 @@ def test_a_delay_that_lags_and_inertia_had_made_up_for():
 @pytest.mark.slow
 def test_what_needs_no_refinement_stays_as_it_is():
     alone, parts, _ = fitted(record(('friction', 'motor', {'coulomb': 6.0}), BIAS))
+    finer = replace(alone.candidate, substeps=4)    # so that no refinement makes up for the steps
     placed = (place('friction', 'motor', {'coulomb': 6.0}, PLANT), place(*BIAS, PLANT))
-    fit = search(replace(alone.candidate, effects=placed), parts, 40)
+    fit = search(replace(finer, effects=placed), parts, 40)
     assert refine([fit], parts, 0) == [fit]
     assert refine([fit], parts) == [fit]        # a bias has none
 
@@ -91,9 +92,10 @@ def test_what_needs_no_refinement_stays_as_it_is():
 @pytest.mark.slow
 def test_a_refinement_that_nothing_needs_any_more_is_taken_out():
     alone, parts, _ = fitted(record(('friction', 'motor', {'coulomb': 6.0}), BIAS))
+    finer = replace(alone.candidate, substeps=4)    # so that no refinement makes up for the steps
     placed = (place('friction', 'motor', {'coulomb': 6.0, 'bristle_stiffness': 1e5}, PLANT),
               place(*BIAS, PLANT))
-    fit = search(replace(alone.candidate, effects=placed), parts, 40)
+    fit = search(replace(finer, effects=placed), parts, 40)
     assert len(fit.unknowns) == len(refine([fit], parts, 0)[0].unknowns) + 1
     friction = refine([fit], parts, 0)[0].candidate.effects[0].named
     assert friction['bristle_stiffness'] == float('inf')

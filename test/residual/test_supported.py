@@ -93,6 +93,18 @@ def test_an_effect_is_proven_by_the_whole_interval_of_its_improvement(both, monk
     assert names(_proven(chain, alone, context)) == []
 
 
+@pytest.mark.slow
+def test_what_stood_beside_an_effect_that_is_dropped_is_chosen_again(both, monkeypatch):
+    """A leakage beside a bias may be all that is left, and friction is what is there."""
+    chain, alone, context = grown(both, ('leakage', 'leakage', {'flow': 1e-7, 'exponent': 0.5}),
+                                  BIAS)
+    helps = iter([1.0, -0.1])               # of each with both in
+    module = 'hydro_twin.residual.chain'
+    monkeypatch.setattr(f'{module}.improvement',
+                        lambda *_: Improvement(0.0, next(helps, 1.0), 1.0))
+    assert names(_proven(chain, alone, context)) == ['friction']
+
+
 def test_an_effect_that_another_replaces_as_a_simpler_law_stays(both, monkeypatch):
     """Without the bias the hysteresis would be a constant: that it can is no proof against it."""
     chain, alone, context = grown(both, BIAS, ('hysteresis', 'command', {'width': 0.1}))
@@ -103,4 +115,5 @@ def test_an_effect_that_another_replaces_as_a_simpler_law_stays(both, monkeypatc
     monkeypatch.setattr(
         f'{module}.is_distinguishable',
         lambda fit, parts, index: names(Chain(fit)) != ['hysteresis'] or index != 0)
+    monkeypatch.setattr(f'{module}._exchange', lambda chain, context, last: chain)
     assert names(_proven(chain, alone, context)) == ['bias']

@@ -4,7 +4,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from scipy.signal import lfilter
-from trace_by_hand import candidate, evidence
+from trace_by_hand import candidate, evidence, parts
 
 from hydro_twin.fitting.candidate import Part
 from hydro_twin.plants import plant_named
@@ -82,6 +82,16 @@ def test_a_constant_torque_may_be_a_ripple_where_the_motor_hardly_turns(travel, 
     assert [name for name, _ in judged.rivals] == others
     assert judged.close == tuple(others)
     assert not (others and judged.certain)
+
+
+def test_a_delay_before_an_integrator_may_be_a_lag_or_a_mode():
+    truth = candidate('cylinder', [('delay', 'command', {'time': 0.02})])
+    made = parts(truth, 0.6, 0.01, 1)
+    found = replace(evidence('cylinder'), after=search(truth, made, 3), fitted=made,
+                    findings=(Finding(0, 1e-30, 0.999, ()),))
+    (judged,) = named_effects(found)
+    assert judged.close == ('lag', 'mode')
+    assert not judged.certain
 
 
 @pytest.mark.parametrize('ratio', [1.5, float('nan')])
