@@ -92,14 +92,14 @@ def main() -> None:
     system = fit.base.system
     x, z = np.zeros(PLANT.order), np.zeros(system.memory)
     compiling, _ = timed(lambda: system.run(part.inputs, x, z), 1)
-    by, _ = fit.directions(fit.base)
-    tangent = tangent_of(system, fit.base.values, by)
-    more, _ = timed(lambda: run_with_slopes(system, by, tangent, part.inputs, x, z), 1)
+    by, _ = fit.directions(fit.base, system)
+    tangents = [tangent_of(system, by)]
+    more, _ = timed(lambda: run_with_slopes(system, by, tangents, part.inputs, x, z), 1)
     print(f'first call: {compiling:.1f} s for the run, {more:.1f} s more for its derivatives '
           '(compiled, or read from the cache)')
     plain, _ = timed(lambda: system.run(part.inputs, x, z), 20)
     slopes, (_, columns) = timed(
-        lambda: run_with_slopes(system, by, tangent, part.inputs, x, z), 20)
+        lambda: run_with_slopes(system, by, tangents, part.inputs, x, z), 20)
     width = np.count_nonzero(np.any(columns, axis=0))
     print(f'a run {1e3 * plain:.1f} ms; with {width} columns of derivatives {1e3 * slopes:.1f} '
           f'ms, {slopes / plain:.1f} runs; differences take {width + 1}')

@@ -9,7 +9,7 @@ from typing import Any
 
 import yaml
 
-from hydro_twin.effects import Effect, EFFECTS, Placed
+from hydro_twin.effects import Effect, EFFECTS, Placed, sites
 from hydro_twin.effects.curve import CURVE, over
 from hydro_twin.errors import ModelError, UserError
 from hydro_twin.files import write_whole
@@ -174,11 +174,11 @@ def effect_at(identifier: str, port_name: str, plant: Plant) -> tuple[Effect, Po
         ModelError: there is none.
     """
     for effect in EFFECTS:
-        for port in plant.ports:
-            if effect.id == identifier and port.name == port_name and effect.fits(port):
+        for port in sites(effect, plant):
+            if effect.id == identifier and port.name == port_name:
                 return effect, port
-    possible = sorted({f'{effect.id}@{port.name}' for effect in EFFECTS for port in plant.ports
-                       if effect.fits(port)})
+    possible = sorted({f'{effect.id}@{port.name}' for effect in EFFECTS
+                       for port in sites(effect, plant)})
     raise ModelError(f'{plant.name} takes no effect {identifier} at port {port_name}; '
                      f'it takes {", ".join(possible)}')
 

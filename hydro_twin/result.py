@@ -80,6 +80,21 @@ class Profile:
 
 
 @dataclass(frozen=True)
+class OverTime:
+    """How a parameter of the plant went over time.
+
+    Attributes:
+        time: [s] from the begin of the recording, (K,).
+        values: of the parameter by its law, (K,).
+        free: of the parameter as the recording shows them at some times, without any law.
+    """
+
+    time: FloatArray
+    values: FloatArray
+    free: FreeCurve
+
+
+@dataclass(frozen=True)
 class NamedEffect:
     """An effect that the plant lacks.
 
@@ -284,7 +299,7 @@ class TraceResult:
     after: Model
     combinations: Mapping[str, tuple[Estimate, ...]]
     effects: tuple[NamedEffect, ...]
-    shapes: tuple[Shape | Profile, ...]
+    shapes: tuple[Shape | Profile | OverTime, ...]
     found: FoundCurve | None
     best_named: BestNamed | None
     improvement: Improvement

@@ -192,7 +192,7 @@ def test_live_on_the_played_recording(shell: Shell, tmp_path: Path, rig: Any) ->
 
     topics = sorted({signal.topic for signal in signals.values()})
     heard = rig.listen('/hydro_twin/prediction', JointState)
-    with twin(model=model, **lossless(topics)):
+    with twin(model=model, mode='one_step', **lossless(topics)):
         rig.ready(topics)
         play(bag)
         rig.until(lambda: len(heard) >= len(series) - plant.order, 'all is predicted')

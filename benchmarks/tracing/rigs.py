@@ -91,7 +91,8 @@ class Rig:
     def recording(self) -> Recording:
         """Return the series as the product reads them from bags."""
         return Recording(tuple(
-            Series(columns, SAMPLE_TIME, start=i * 10_000_000_000, source=f'rig_{self.seed}')
+            Series(columns, SAMPLE_TIME, source=f'rig_{self.seed}',
+                   start=round(1e9 * i * len(columns['u_m']) * SAMPLE_TIME))
             for i, columns in enumerate(self.series)))
 
 

@@ -9,11 +9,11 @@ from types import ModuleType
 from typing import Any
 
 from hydro_twin.effects.curve import CURVE, of_kind
-from hydro_twin.effects.effect import Effect, EffectParameter, Placed, sites, Span
+from hydro_twin.effects.effect import Course, Effect, EffectParameter, Placed, sites, Span
 from hydro_twin.errors import ModelError
 from hydro_twin.plugins import plugins
 
-__all__ = ['EFFECTS', 'Effect', 'EffectParameter', 'Placed', 'Span', 'sites']
+__all__ = ['EFFECTS', 'Course', 'Effect', 'EffectParameter', 'Placed', 'Span', 'sites']
 
 GROUP = 'hydro_twin.effects'    # entry points of other packages, each a module with an `EFFECT`
 

@@ -63,6 +63,21 @@ Starts = Sequence[tuple[float, ...]]
 
 
 @dataclass(frozen=True)
+class Course:
+    """How a parameter of the plant goes over time, as a factor on its last value.
+
+    Attributes:
+        factor: parameters of the effect, stamp [s] -> the factor.
+        slopes: the same -> its derivatives by the parameters.
+        span: parameters of the effect -> the stamps [s] between which it changes.
+    """
+
+    factor: Callable[[tuple[float, ...], float], float]
+    slopes: Callable[[tuple[float, ...], float], tuple[float, ...]]
+    span: Callable[[tuple[float, ...]], tuple[float, float]]
+
+
+@dataclass(frozen=True)
 class Effect:
     """A law on a port that a linear plant lacks.
 
@@ -90,6 +105,7 @@ class Effect:
         implicit: the law takes the signals as they would be without it, and answers with what
             holds at the end of the step: for forces that jump with the velocity.
         shifts: a pure delay of these inputs ('held' or 'all'), which has no law.
+        course: of a parameter of the plant, which is the port; there is no law.
         named: whether it explains what it adds; a curve that is merely found does not.
         dynamic: whether it is linear dynamics, which no curve over a signal shows.
         simpler: id of an effect that is chosen instead unless this one is clearly better.
@@ -112,6 +128,7 @@ class Effect:
     memory: int = 0
     implicit: bool = False
     shifts: str = ''
+    course: Course | None = None
     named: bool = True
     dynamic: bool = False
     simpler: str = ''
@@ -165,5 +182,5 @@ class Placed:
 
 
 def sites(effect: Effect, plant: Plant) -> list[Port]:
-    """List the ports of a plant on which the effect may sit."""
-    return [port for port in plant.ports if effect.fits(port)]
+    """List the ports of a plant on which the effect may sit, its parameters among them."""
+    return [port for port in (*plant.ports, *plant.parameter_ports) if effect.fits(port)]

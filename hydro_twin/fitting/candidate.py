@@ -40,6 +40,11 @@ class Part:
     source: str = ''
     start: int = 0
 
+    def cut(self, first: int, last: int, sample_time: float) -> Part:
+        """Take the samples from the first up to the last, which is not among them."""
+        return replace(self, inputs=self.inputs[first:last], measured=self.measured[first:last],
+                       start=self.start + first * round(1e9 * sample_time))
+
     def beginning(self, start_up: int) -> int:
         """How many samples show the state at the start: more where it hardly moves at first.
 
@@ -110,9 +115,9 @@ class Candidate:
                         self.timing)
 
     @cached_property
-    def start_tangent(self) -> Tangent:
-        """Derivatives of a step by the state at the start."""
-        return tangent_of(self.system, {}, NONE)
+    def start_tangents(self) -> tuple[Tangent, ...]:
+        """Derivatives of a step of each stage of the system by the state at the start."""
+        return tuple(tangent_of(system, NONE) for system in self.system.stages)
 
     @cached_property
     def start_up(self) -> int:
@@ -142,8 +147,9 @@ class Candidate:
         n = part.beginning(self.start_up)
         least = max(1e-3 * rms(part.measured), 1e-12)
         response = self.first_response if n <= self.start_up else self.free_response(n)
-        return find_start(self.system, self.start_tangent, response[:n], part.inputs[:n],
-                          part.measured[:n], least)
+        (stage, *_), *_ = self.system.stretches(1, part.start)
+        return find_start(self.system.stages[stage], self.start_tangents[stage], response[:n],
+                          part.inputs[:n], part.measured[:n], least)
 
     def free_response(self, samples: int) -> FloatArray:
         """How the output moves with the state at the start, linear laws, (samples, n)."""
@@ -167,7 +173,7 @@ class Candidate:
     def run(self, part: Part, seen: FloatArray | None = None) -> FloatArray:
         """Run freely over a part, from the state that its first samples show; (N,)."""
         start = self.start(part)
-        return self.system.run(part.inputs, start.x, start.z, seen)
+        return self.system.run(part.inputs, start.x, start.z, seen, part.start)
 
     def residual(self, part: Part) -> FloatArray:
         """Measured less free run over the scored samples of a part, (N - start-up,)."""
@@ -185,8 +191,8 @@ class Candidate:
         """
         residuals = []
         for part, start in zip(parts, starts or map(self.start, parts), strict=True):
-            y, slopes = run_with_slopes(self.system, NONE, self.start_tangent, part.inputs,
-                                        start.x, start.z)
+            y, slopes = run_with_slopes(self.system, NONE, self.start_tangents, part.inputs,
+                                        start.x, start.z, part.start)
             residuals.append(without_start(part.measured - y, slopes, self.usual_response,
                                            self.start_up).residual)
         return residuals
@@ -203,7 +209,7 @@ class Candidate:
             states: of each part, (n,).
         """
         response = self.free_response(max(len(part.measured) for part in parts))
-        return [without_start(part.measured - self.system.run(part.inputs, x),
+        return [without_start(part.measured - self.system.run(part.inputs, x, start=part.start),
                               response[:len(part.measured)], self.usual_response,
                               self.start_up).residual
                 for part, x in zip(parts, states, strict=True)]

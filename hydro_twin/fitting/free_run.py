@@ -27,7 +27,8 @@ from hydro_twin.fitting.unknowns import (
 from hydro_twin.plants import Plant
 from hydro_twin.plants.plant import FloatArray
 from hydro_twin.predictors.scores import rms
-from hydro_twin.predictors.sensitivities import Directions, run_with_slopes, tangent_of
+from hydro_twin.predictors.sensitivities import Directions, run_with_slopes, tangents_of
+from hydro_twin.predictors.system import System
 
 WALL = 3e-3             # weight of the search box, see `Problem`
 MIDDLE = 1e-4           # weight of its middle
@@ -158,21 +159,32 @@ class Problem:
         values = [u.value(float(c)) for u, c in zip(self.unknowns, coordinates, strict=True)]
         return put(self.base, self.unknowns, values)
 
-    def directions(self, candidate: Candidate) -> tuple[Directions, list[int]]:
-        """Say how a run moves with the coordinates, and which of them each column is."""
+    def directions(self, candidate: Candidate, stage: System) -> tuple[Directions, list[int]]:
+        """Say how a run moves with the coordinates, and which of them each column is.
+
+        Args:
+            candidate: what is run.
+            stage: of its system, since what a parameter that drifts is worth changes.
+        """
         plant, laws, shifts = [], [], []
         T, inputs = candidate.sample_time, candidate.plant.inputs
         for k, unknown in enumerate(self.unknowns):
             worth = get(candidate, unknown) if unknown.log else unknown.scale
             if unknown.owner == '':
-                plant.append((k, (unknown.name, worth)))
+                factor = stage.values[unknown.name] / candidate.values[unknown.name]
+                plant.append((k, (unknown.name, factor * worth)))
             elif unknown.owner == 'timing':
                 shifts.append((k, [worth / T * (signal.name == unknown.name)
                                    for signal in inputs]))
             else:
                 placed = candidate.effects[int(unknown.owner)]
                 effect, begin = placed.effect, candidate.system.begins[int(unknown.owner)]
-                if begin < 0:
+                if effect.course is not None:
+                    name = placed.port.name
+                    slope = effect.course.slopes(placed.values, stage.time)[
+                        list(placed.named).index(unknown.name)]
+                    plant.append((k, (name, candidate.values[name] * slope * worth)))
+                elif begin < 0:
                     shifts.append((k, [worth / T * (signal.held or effect.shifts == 'all')
                                        for signal in inputs]))
                 else:
@@ -190,13 +202,14 @@ class Problem:
             weights: of the first samples of each part, if they are to be kept.
         """
         candidate = self.candidate(coordinates)
-        by, order = self.directions(candidate)
         system, n = candidate.system, len(candidate.plant.states)
-        tangent = tangent_of(system, candidate.values, by)
+        by, order = self.directions(candidate, system)
+        tangents = tangents_of(system, lambda stage: self.directions(candidate, stage)[0])
         far = 1e3 * self.size
 
         def run_from(start: Start, part: Part, weight: float | None) -> Eliminated:
-            y, slopes = run_with_slopes(system, by, tangent, part.inputs, start.x, start.z)
+            y, slopes = run_with_slopes(system, by, tangents, part.inputs, start.x, start.z,
+                                        part.start)
             others = np.empty((len(y), by.count))
             others[:, order] = slopes[:, :by.count]
             missed = np.clip(np.nan_to_num(part.measured - y, nan=far), -far, far)

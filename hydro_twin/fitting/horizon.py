@@ -27,12 +27,11 @@ STANDS = 0.5            # least share at the ends from which a recording mostly 
 HORIZON = 10.0          # [s], longest window: some strokes of a cylinder, few of a slow one
 
 
-def windows(part: Part, longest: int, least: int) -> list[Part]:
+def windows(part: Part, longest: int, least: int, sample_time: float) -> list[Part]:
     """Cut a part into equal windows of at most `longest` samples, but of `least` at least."""
     n = len(part.measured)
     edges = np.linspace(0, n, min(math.ceil(n / longest), n // least) + 1).astype(int)
-    return [Part(part.inputs[a:b], part.measured[a:b], part.source, part.start)
-            for a, b in pairwise(edges)]
+    return [part.cut(a, b, sample_time) for a, b in pairwise(edges.tolist())]
 
 
 def horizon_windows(parts: Sequence[Part], plant: Plant, sample_time: float) -> list[Part]:
@@ -45,18 +44,18 @@ def horizon_windows(parts: Sequence[Part], plant: Plant, sample_time: float) -> 
     """
     least = least_samples(plant, sample_time)
     longest = max(round(HORIZON / sample_time), least)
-    return [window for part in parts for window in windows(part, longest, least)]
+    return [window for part in parts for window in windows(part, longest, least, sample_time)]
 
 
-def between_ends(parts: Sequence[Part]) -> list[Part]:
+def between_ends(parts: Sequence[Part], sample_time: float) -> list[Part]:
     """Cut out what lies between the ends of the travel of the output."""
     low, high = np.quantile(np.concatenate([part.measured for part in parts]), [0.005, 0.995])
     margin = AT_END * (high - low)
     found = []
     for part in parts:
         inside = (part.measured > low + margin) & (part.measured < high - margin)
-        edges = np.flatnonzero(np.diff(inside, prepend=False, append=False))
-        found += [Part(part.inputs[a:b], part.measured[a:b], part.source, part.start)
+        edges = np.flatnonzero(np.diff(inside, prepend=False, append=False)).tolist()
+        found += [part.cut(a, b, sample_time)
                   for a, b in zip(edges[::2], edges[1::2], strict=True) if b - a >= LEAST]
     return found
 
@@ -77,7 +76,7 @@ def moving_windows(parts: Sequence[Part], plant: Plant, sample_time: float
         its travel: 0 unless that is most of them.
     """
     least = least_samples(plant, sample_time)
-    moving = [part for part in between_ends(parts) if len(part.measured) >= least]
+    moving = [part for part in between_ends(parts, sample_time) if len(part.measured) >= least]
     kept = (sum(len(part.measured) for part in moving)
             / sum(len(part.measured) for part in parts))
     if not 0.0 < kept < STANDS:

@@ -71,7 +71,7 @@ def estimate_noise(model: Model, series: Sequence[Series]) -> Noise | None:
         total = np.zeros(2)
         for part in parts:
             measured = part[plant.output.name]
-            results, _ = observer.run(predictor.inputs(part), measured)
+            results, _ = observer.run(predictor.inputs(part), measured, start=part.start)
             innovation, variance = (measured - results[:, 0])[1:], results[1:, 1]
             total += 0.5 * np.nansum(np.log(variance) + innovation ** 2 / variance), len(variance)
             if math.isnan(results[-1, 0]):
@@ -100,11 +100,12 @@ def excerpts(series: Sequence[Series]) -> list[Series]:
 def states(predictor: Analytical, series: Series) -> FloatArray:
     """Run freely from rest; returns the states at every sample, (N, n)."""
     system, inputs = predictor.system, predictor.inputs(series)
-    x, z, work = (system.start(inputs[0], series[predictor.plant.output.name][0]),
+    period = round(1e9 * series.sample_time)
+    x, z, work = (system.at(series.start).start(inputs[0], series[predictor.plant.output.name][0]),
                   np.zeros(system.memory), system.work())
     seen = np.empty((len(inputs), len(x)))
     for k in range(len(inputs)):
         if k > 0:
-            kernel.live_step(x, z, work, inputs, k, *system.step)
+            kernel.live_step(x, z, work, inputs, k, *system.at(series.start + k * period).step)
         seen[k] = x
     return seen

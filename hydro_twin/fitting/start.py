@@ -101,7 +101,7 @@ def find_start(system: System, tangent: Tangent, response: FloatArray, inputs: F
     kept as one more coordinate.
 
     Args:
-        system: the model.
+        system: the model, as it is at the start.
         tangent: of a step of it by the state only.
         response: how the output moves with the state, linear laws, (N, n).
         inputs: (N, m).
@@ -147,7 +147,8 @@ def find_start(system: System, tangent: Tangent, response: FloatArray, inputs: F
     def slopes(here: _At, free: IntArray) -> FloatArray:
         """Return the derivatives of the output by free coordinates, (N, n + memory)."""
         columns = np.zeros(linear.shape)
-        _, found = run_with_slopes(system, NONE, tangent, inputs, here.state[:n], here.state[n:])
+        _, found = run_with_slopes(system, NONE, (tangent,), inputs, here.state[:n],
+                                   here.state[n:])
         columns[:, free] = (found * scale)[:, free]
         return columns
 

@@ -98,7 +98,7 @@ class Twin:
         Returns:
             The prediction, nan while the run starts up or where it has diverged.
         """
-        prediction = self._step(inputs, measured)
+        prediction = self._step(inputs, measured, stamp)
         self._count += 1
         if not abs(prediction) <= self._limit:
             if self._running:

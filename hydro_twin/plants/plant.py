@@ -13,6 +13,7 @@ from hydro_twin.plants.equations import Equations, rates_at, rows_of
 
 FloatArray = npt.NDArray[np.float64]
 
+PARAMETER = 'parameter'     # kind of port that a parameter is
 INTEGRATES = 1e-9       # of the largest pole: a smaller one is zero but for rounding
 
 # Parameters in their order, (P, d), real or complex; constants by name; sample time [s]
@@ -164,6 +165,11 @@ class Plant:
     def signals(self) -> tuple[Signal, ...]:
         """All inputs, then the output."""
         return (*self.inputs, self.output)
+
+    @property
+    def parameter_ports(self) -> tuple[Port, ...]:
+        """The parameters as places at which an effect may act, as a drift does."""
+        return tuple(Port(p.name, PARAMETER, p.unit, p.meaning) for p in self.parameters)
 
     @property
     def order(self) -> int:

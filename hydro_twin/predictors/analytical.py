@@ -43,7 +43,8 @@ class Analytical:
                                model.substeps, model.timing)
         shifted = bool(np.any(self.system.step.shift))
         self.linear = (assemble(model.plant, model.values, (), model.sample_time)
-                       if len(self.system.step.effects) or shifted else None)
+                       if len(self.system.step.effects) or shifted or self.system.earlier
+                       else None)
         self.equation = bilinear(self.system.laws, model.sample_time)
 
     def inputs(self, series: Series) -> FloatArray:
@@ -57,7 +58,8 @@ class Analytical:
         added = np.zeros(len(inputs))
         if self.linear is not None:
             start = _first(measured[0])
-            added = (self.system.run(inputs, self.system.start(inputs[0], start))
+            x = self.system.at(series.start).start(inputs[0], start)
+            added = (self.system.run(inputs, x, start=series.start)
                      - self.linear.run(inputs, self.linear.start(inputs[0], start)))
         y = np.empty(len(inputs))
         kernel.run_one_step(self.equation.a, self.equation.b, added, measured, inputs,
@@ -68,7 +70,8 @@ class Analytical:
         """Predict each sample with no measured output used after the first; see `Predictor`."""
         inputs = self.inputs(series)
         measured = series[self.plant.output.name]
-        return self.system.run(inputs, self.system.start(inputs[0], _first(measured[0])))
+        x = self.system.at(series.start).start(inputs[0], _first(measured[0]))
+        return self.system.run(inputs, x, start=series.start)
 
     def observer(self, series: Series) -> FloatArray:
         """Predict each sample by the observer, from measured outputs up to the one before; (N,).
@@ -76,7 +79,8 @@ class Analytical:
         Raises:
             ModelError: the model has no noise.
         """
-        return self.filter.run(self.inputs(series), series[self.plant.output.name])[0][:, 0]
+        return self.filter.run(self.inputs(series), series[self.plant.output.name],
+                               start=series.start)[0][:, 0]
 
     @cached_property
     def filter(self) -> Observer:
@@ -117,17 +121,17 @@ class FreeRun:
         self.z = np.zeros(system.memory)
         self.work = system.work()
 
-    def step(self, inputs: FloatArray, measured: float) -> float:
+    def step(self, inputs: FloatArray, measured: float, stamp: int | None = None) -> float:
         """Predict the output of the next sample; see `Stepper`."""
-        s = self.system
-        self.take(inputs, measured)
+        s = self.system.at(stamp)
+        self.take(inputs, measured, s)
         if self.k == 0:
             y = kernel.output(s.step, self.x, self.z, self.work, self.inputs, 0)
         else:
             y = kernel.live_step(self.x, self.z, self.work, self.inputs, self.k, *s.step)
         return y if abs(y) < kernel.LIMIT else math.nan
 
-    def take(self, inputs: FloatArray, measured: float) -> None:
+    def take(self, inputs: FloatArray, measured: float, system: System) -> None:
         """Keep the inputs of the next sample; the first one sets the state."""
         self.k += 1
         if self.k == len(self.inputs):
@@ -135,7 +139,7 @@ class FreeRun:
             self.k = self.keep
         self.inputs[self.k] = inputs
         if self.k == 0:
-            self.x[:] = self.system.start(inputs, _first(measured))
+            self.x[:] = system.start(inputs, _first(measured))
 
 
 class Observed(FreeRun):
@@ -146,17 +150,18 @@ class Observed(FreeRun):
 
         super().__init__(observer.system)
         self.run, self.observer = run, observer
-        self.filter = (observer.system.step, observer.tangent, observer.filter, observer.scratch())
+        self.scratch = observer.scratch()
         self.measured = np.empty(len(self.inputs))
         self.results = np.empty((len(self.inputs), 2))
         self.states = np.empty((len(self.inputs), 2, len(self.x)))
 
-    def step(self, inputs: FloatArray, measured: float) -> float:
+    def step(self, inputs: FloatArray, measured: float, stamp: int | None = None) -> float:
         """Predict the output of the next sample; see `Stepper`."""
-        self.take(inputs, measured)
+        self.take(inputs, measured, self.system.at(stamp))
         self.measured[self.k] = measured
-        self.run(*self.filter, self.x, self.z, self.inputs, self.measured, self.k, self.k + 1,
-                 self.results, self.states)
+        (stage, *_), *_ = self.system.stretches(1, stamp)
+        self.run(*self.observer.filters[stage], self.scratch, self.x, self.z, self.inputs,
+                 self.measured, self.k, self.k + 1, self.results, self.states)
         return float(self.results[self.k, 0])
 
     @property
@@ -172,13 +177,13 @@ class Observed(FreeRun):
             The output and its standard deviation, as it would be measured; nan where the run
             diverges.
         """
-        step, tangent, filter_, scratch = self.filter
+        step, tangent, filter_ = self.observer.filters[-1]
         known = min(self.k + 1, self.keep)
         inputs = np.empty((known + samples, self.inputs.shape[1]))
         inputs[:known] = self.inputs[self.k + 1 - known:self.k + 1]
         inputs[known:] = self.inputs[self.k]
         copy = self.observer.scratch()
-        copy.S[:] = scratch.S
+        copy.S[:] = self.scratch.S
         results = np.empty((len(inputs), 2))
         self.run(step, tangent, filter_, copy, self.x.copy(), self.z.copy(), inputs,
                  np.full(len(inputs), math.nan), known, len(inputs), results, NO_STATES)
@@ -201,7 +206,7 @@ class OneStep:
         self.count = 0
         self.k = -1
 
-    def step(self, inputs: FloatArray, measured: float) -> float:
+    def step(self, inputs: FloatArray, measured: float, stamp: int | None = None) -> float:
         """Predict the output of the next sample; see `Stepper`."""
         self.k += 1
         if self.k == len(self.inputs):
@@ -211,7 +216,7 @@ class OneStep:
         self.inputs[self.k] = inputs
         added = 0.0
         if self.full is not None and self.linear is not None:
-            added = self.full.step(inputs, measured) - self.linear.step(inputs, measured)
+            added = self.full.step(inputs, measured, stamp) - self.linear.step(inputs, measured)
         started = self.count >= len(self.equation.a)
         self.count += 1
         y: float = kernel.step_one(self.equation.a, self.equation.b, added, measured, self.inputs,

@@ -221,13 +221,14 @@ def live_step(x, z, work, inputs, k, *step):  # type: ignore[no-untyped-def]
 
 
 @compiled
-def run(step, x, z, work, inputs, y, seen):  # type: ignore[no-untyped-def]
-    """Fill y with the output at each sample of the inputs (N, m), from state x and memory z.
+def run(step, x, z, work, inputs, y, seen, first, last):  # type: ignore[no-untyped-def]
+    """Fill y with the output at samples first <= k < last of the inputs (N, m).
 
-    Where `seen` (N, P + S) is not empty it gets the values of ports and signals. A run that
-    diverges is left at nan from there on.
+    From state x and memory z, those of the sample before the first, which are moved. Where `seen`
+    (N, P + S) is not empty it gets the values of ports and signals. A run that diverges is left at
+    nan from there on.
     """
-    for k in range(len(inputs)):
+    for k in range(first, last):
         if k == 0:
             y[k] = output(step, x, z, work, inputs, k)
         else:
@@ -248,7 +249,7 @@ def run(step, x, z, work, inputs, y, seen):  # type: ignore[no-untyped-def]
 def run_each(step, x, z, work, inputs, y, unseen):  # type: ignore[no-untyped-def]
     """Fill each row of y (K, N) by a run from its own state x[k] and memory z[k]."""
     for k in range(len(y)):
-        run(step, x[k], z[k], work, inputs, y[k], unseen)
+        run(step, x[k], z[k], work, inputs, y[k], unseen, 0, len(inputs))
 
 
 @compiled

@@ -1,6 +1,7 @@
 """The predictor with a network: MLP or GRU, or beside the analytical model (hybrid)."""
 from __future__ import annotations
 
+from itertools import count
 import json
 import logging
 import math
@@ -77,7 +78,9 @@ class NetworkPredictor:
         stepper = self.stepper(mode)
         inputs = np.column_stack([series[signal.name] for signal in self.plant.inputs])
         measured = series[self.plant.output.name].tolist()
-        return np.array([stepper.step(u, y) for u, y in zip(inputs, measured, strict=True)])
+        stamps = count(series.start, round(1e9 * series.sample_time))
+        return np.array([stepper.step(u, y, stamp) for u, y, stamp in zip(
+            inputs, measured, stamps, strict=False)])
 
 
 class NetworkStepper:
@@ -92,17 +95,17 @@ class NetworkStepper:
         self.past_outputs = self.regressors[:self.order]
         self.past_inputs = self.regressors[self.order:].reshape(-1, self.order + 1)
 
-    def step(self, inputs: FloatArray, measured: float) -> float:
+    def step(self, inputs: FloatArray, measured: float, stamp: int | None = None) -> float:
         """Predict the output of the next sample; see `Stepper`."""
         if self.free:
             if self.count == 0:
-                self._rest(inputs, measured if math.isfinite(measured) else 0.0)
+                self._rest(inputs, measured if math.isfinite(measured) else 0.0, stamp)
             measured = math.nan
         self.past_inputs[:, 1:] = self.past_inputs[:, :-1]
         self.past_inputs[:, 0] = inputs
         output = self.network.predict(self.regressors, self.scratch)
         if self.analytical is not None:
-            base = self.analytical.step(inputs, measured)
+            base = self.analytical.step(inputs, measured, stamp)
             if math.isnan(measured) and self.count >= self.order:
                 self.analytical.past[self.analytical.k] += output   # what the hybrid adds to it
             output += base
@@ -117,7 +120,7 @@ class NetworkStepper:
         self.count += 1
         return output
 
-    def _rest(self, inputs: FloatArray, output: float) -> None:
+    def _rest(self, inputs: FloatArray, output: float, stamp: int | None) -> None:
         """Set a past in which nothing moved."""
         self.past_inputs[:] = inputs[:, None]
         self.past_outputs[:] = output
@@ -125,7 +128,7 @@ class NetworkStepper:
         self.network.settle(self.regressors, self.scratch)
         if self.analytical is not None:
             for _ in range(self.order):
-                self.analytical.step(inputs, output)
+                self.analytical.step(inputs, output, stamp)
 
 
 def load_network_predictor(model: Model, folder: Path) -> NetworkPredictor:

@@ -160,7 +160,8 @@ class Observer:
         start[range(n), range(n)] = [noise.start[name] for name in names]
         self.filter = Filter(start, process, noise.measurement ** 2,
                              USELESS * system.plant.output_scale)
-        self.tangent = tangent_of(system, {}, NONE)
+        self.filters = tuple((stage.step, tangent_of(stage, NONE), self.filter)
+                             for stage in system.stages)
 
     def scratch(self) -> Scratch:
         """Allocate what `run` works in, with the covariance of the start."""
@@ -172,25 +173,28 @@ class Observer:
                        np.zeros((1 + memory, 4 + len(self.system.step.p) + memory)),
                        np.zeros(S.shape[1]))
 
-    def run(self, inputs: FloatArray, measured: FloatArray, states: bool = False
-            ) -> tuple[FloatArray, FloatArray]:
+    def run(self, inputs: FloatArray, measured: FloatArray, states: bool = False,
+            start: int | None = None) -> tuple[FloatArray, FloatArray]:
         """Observe a series.
 
         Args:
             inputs: (M, m).
             measured: the output, nan where there is none, (M,).
             states: whether those are wanted.
+            start: stamp of the first sample [ns]; None stands for now.
 
         Returns:
             Prediction and variance of the innovation, (M, 2), and, if wanted, the states after
             each measurement and their standard deviations, (M, 2, n); nan after a divergence.
         """
         system = self.system
-        x = system.start(inputs[0], measured[0] if math.isfinite(measured[0]) else 0.0)
+        x = system.at(start).start(inputs[0],
+                                   measured[0] if math.isfinite(measured[0]) else 0.0)
+        z, scratch = np.zeros(system.memory), self.scratch()
         results = np.empty((len(inputs), 2))
         seen = np.empty((len(inputs) if states else 0, 2, len(x)))
-        run(system.step, self.tangent, self.filter, self.scratch(), x, np.zeros(system.memory),
-            inputs, measured, 0, len(inputs), results, seen)
+        for k, first, last in system.stretches(len(inputs), start):
+            run(*self.filters[k], scratch, x, z, inputs, measured, first, last, results, seen)
         return results, seen
 
 

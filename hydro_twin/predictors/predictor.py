@@ -22,13 +22,14 @@ def modes_of(model: Model) -> tuple[str, ...]:
 class Stepper(Protocol):
     """A predictor at one instant of a run; a fresh one is a reset."""
 
-    def step(self, inputs: FloatArray, measured: float) -> float:
+    def step(self, inputs: FloatArray, measured: float, stamp: int | None = None) -> float:
         """Predict the output of the next sample of the grid.
 
         Args:
             inputs: of that sample, shape (m,), finite.
             measured: the output measured at that sample, nan where there is none. It serves the
                 samples after this one, and the first sample to set the state.
+            stamp: of the sample [ns], which matters where a parameter drifts; None stands for now.
 
         Returns:
             The prediction, nan while too few samples have passed or after a divergence.

@@ -6,8 +6,10 @@ unknowns. Those of the plant come first, since only they move the matrices.
 """
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
+from itertools import pairwise
+import math
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -23,6 +25,7 @@ from hydro_twin.predictors.system import discretise, port_rows, System
 
 NAME = 'hydro_twin_tangents'
 COMPLEX_STEP = 1e-20
+NODES = 9               # a parameter that more than doubles turns the derivatives by 2 %
 UNBOUNDED = 1e50        # of a derivative: its products in a fit would overflow
 
 
@@ -349,12 +352,14 @@ def output(step, tangent, x, z, work, rows, g, inputs, k, dy):  # type: ignore[n
 
 
 @compiled
-def run(step, tangent, x, z, work, rows, g, inputs, y, dy):  # type: ignore[no-untyped-def]
-    """Fill y (N,) with the output and dy (N, D) with its derivatives; x, z and rows are moved.
+def run(  # type: ignore[no-untyped-def]
+        step, tangent, x, z, work, rows, g, inputs, y, dy, first, last):
+    """Fill y (N,) with the output and dy (N, D) with its derivatives at first <= k < last.
 
-    A run that diverges is left at nan from there on, its derivatives at 0.
+    x, z and rows are those of the sample before the first, and are moved. A run that diverges is
+    left at nan from there on, its derivatives at 0.
     """
-    for k in range(len(inputs)):
+    for k in range(first, last):
         if k > 0:
             advance(step, tangent, x, z, work, rows, g, inputs, k)
         y[k] = output(step, tangent, x, z, work, rows, g, inputs, k, dy[k])
@@ -387,22 +392,60 @@ class Directions:
 NONE = Directions()
 
 
-def tangent_of(system: System, values: Mapping[str, float], by: Directions) -> Tangent:
+Moves = Mapping[str, FloatArray]        # parameter -> derivative of [M; H], padded
+
+
+def moves_of(system: System, names: Iterable[str]) -> Moves:
+    """Differentiate M and H, one above the other, by parameters, each in its own unit."""
+    step, found = system.step, {}
+    for name in names:
+        unit = COMPLEX_STEP * system.values[name]
+        beside: Mapping[str, Any] = {**system.values, name: system.values[name] + 1j * unit}
+        laws = system.plant.laws(beside)
+        M, H = discretise(laws, step.sample_time / step.substeps), port_rows(laws)
+        found[name] = np.vstack([M, np.pad(H, ((0, 0), (0, M.shape[1] - H.shape[1])))]).imag / unit
+    return found
+
+
+def tangents_of(system: System, by: Callable[[System], Directions]) -> list[Tangent]:
+    """Differentiate the step of every stage of a system.
+
+    The matrices go smoothly with a parameter that drifts, so that their derivatives are taken at
+    `NODES` of its values and interpolated.
+
+    Args:
+        system: what is run.
+        by: the unknowns at a stage.
+    """
+    stages, directions = system.stages, [by(stage) for stage in system.stages]
+    names = dict.fromkeys(name for name, _ in directions[-1].plant)
+    way = np.cumsum([0.0, *(max(abs(math.log(then / now)) for now, then in zip(
+        before.values.values(), after.values.values(), strict=True))
+        for before, after in pairwise(stages))])
+    nodes = np.unique(np.searchsorted(way, np.linspace(0.0, way[-1], NODES)))
+    moves = [moves_of(stages[k], names) for k in nodes]
+    shares = np.column_stack([np.interp(way, way[nodes], row) for row in np.eye(len(nodes))])
+    return [tangent_of(stage, some, {
+        name: sum(share * at[name] for share, at in zip(row, moves, strict=True) if share)
+        for name in names}) for stage, some, row in zip(stages, directions, shares, strict=True)]
+
+
+def tangent_of(system: System, by: Directions, moves: Moves | None = None) -> Tangent:
     """Differentiate the matrices of a step, with room for the state at the start.
 
     Args:
         system: what is run.
-        values: parameters and constants by name, those it was assembled from.
         by: the unknowns; the columns are those of the plant, of the effects, of the timing.
+        moves: what the parameters do to the matrices, if that is known.
     """
     step, starts = system.step, len(system.laws.A) + len(lasting(system))
     Q, D = len(by.plant), by.count + starts
     dM, dH = np.zeros((*step.M.shape, D)), np.zeros((*step.H.shape, D))
+    if moves is None:
+        moves = moves_of(system, dict.fromkeys(name for name, _ in by.plant))
     for q, (name, worth) in enumerate(by.plant):
-        beside: Mapping[str, Any] = {**values, name: values[name] + 1j * COMPLEX_STEP * worth}
-        laws = system.plant.laws(beside)
-        dM[..., q] = discretise(laws, step.sample_time / step.substeps).imag / COMPLEX_STEP
-        dH[..., q] = port_rows(laws).imag / COMPLEX_STEP
+        dM[..., q] = worth * moves[name][:len(step.M)]
+        dH[..., q] = worth * moves[name][len(step.M):, :step.H.shape[1]]
     p, shift = np.zeros((len(step.p), D)), np.zeros((len(step.shift), D))
     for q, (index, worth) in enumerate(by.p):
         p[index, Q + q] = worth
@@ -422,32 +465,38 @@ def tangent_of(system: System, values: Mapping[str, float], by: Directions) -> T
                    bool(shift.any()), compliance, in_rows(rises))
 
 
-def run_with_slopes(system: System, by: Directions, tangent: Tangent, inputs: FloatArray,
-                    x: FloatArray, z: FloatArray) -> tuple[FloatArray, FloatArray]:
+def run_with_slopes(system: System, by: Directions, tangents: Sequence[Tangent],
+                    inputs: FloatArray, x: FloatArray, z: FloatArray, start: int | None = None
+                    ) -> tuple[FloatArray, FloatArray]:
     """Run freely from state x (n,) and memory z, with derivatives.
 
     Args:
         system: what is run.
         by: the unknowns.
-        tangent: of the system by these and by the state at the start, see `tangent_of`.
+        tangents: of each of its stages by these and by the state at the start, see `tangent_of`.
         inputs: (N, m).
         x: the state at the start, (n,).
         z: what the effects keep there, (memory,).
+        start: stamp of the first sample [ns]; None stands for now.
 
     Returns:
         The output, (N,), and its derivatives, (N, D): by the unknowns, by x and by z. Zero for
         what does not last, and for what grows without bound, as under laws that are not stable.
     """
     n, kept = len(x), lasting(system)
-    start = np.zeros((n + system.memory, by.count + n + len(kept)))
-    start[:n, by.count:by.count + n] = np.eye(n)
-    start[n + kept, by.count + n:] = np.eye(len(kept))
-    blocks = in_rows(start)
+    columns = np.zeros((n + system.memory, by.count + n + len(kept)))
+    columns[:n, by.count:by.count + n] = np.eye(n)
+    columns[n + kept, by.count + n:] = np.eye(len(kept))
+    blocks = in_rows(columns)
     rows = rows_for(system, blocks.shape[1])
     rows.X[:], rows.Z[:] = blocks[:n], blocks[n:]
     g = np.zeros((1 + system.memory, 4 + len(system.step.p) + system.memory))
-    y, dy = np.empty(len(inputs)), np.empty((len(inputs), start.shape[1]))
-    run(system.step, tangent, x.copy(), z.copy(), system.work(), rows, g, inputs, y, dy)
+    y, dy = np.empty(len(inputs)), np.empty((len(inputs), columns.shape[1]))
+    x, z, stages = x.copy(), z.copy(), system.stages
+    for k, first, last in system.stretches(len(inputs), start):
+        run(stages[k].step, tangents[k], x, z, system.work(), rows, g, inputs, y, dy, first, last)
+        if math.isnan(y[last - 1]):
+            break
     dy[:, ~(np.abs(dy).max(axis=0) < UNBOUNDED)] = 0.0
     if len(kept) == system.memory:
         return y, dy

@@ -1,8 +1,10 @@
 """A plant with effects and values for everything, discretised: what the kernel runs."""
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
+from itertools import pairwise
+import math
 
 import numpy as np
 import numpy.typing as npt
@@ -18,6 +20,7 @@ IntArray = npt.NDArray[np.int64]
 
 NEWTON = 20             # steps to the state at rest, at most
 BEYOND = 1e30           # any edge
+STAGES = 64             # of a drift: a step is 1/64 of it, and half of that the largest error
 
 
 @dataclass(frozen=True)
@@ -29,13 +32,53 @@ class System:
         step: what the kernel takes.
         memory: how many numbers the effects keep, and one more for each.
         begins: of each effect in the order given, where its parameters begin; -1: it has no law.
+        values: parameters and constants by name.
+        time: stamp [s] of these values, where a parameter drifts.
+        earlier: where a parameter drifts, the systems that held until a stamp [ns], in order.
     """
 
     plant: Plant
     laws: Laws
     step: Step
     memory: int
-    begins: tuple[int, ...] = ()
+    begins: tuple[int, ...]
+    values: Mapping[str, float]
+    time: float = math.inf
+    earlier: tuple[tuple[int, System], ...] = ()
+
+    @property
+    def stages(self) -> tuple[System, ...]:
+        """Return the systems that held one after another; this one is the last."""
+        return (*(system for _, system in self.earlier), self)
+
+    def at(self, stamp: int | None) -> System:
+        """Return the system that holds at a stamp [ns]; None stands for now."""
+        if stamp is not None:
+            for until, system in self.earlier:
+                if stamp < until:
+                    return system
+        return self
+
+    def stretches(self, samples: int, start: int | None) -> Iterator[tuple[int, int, int]]:
+        """Divide a run among the stages that hold in it.
+
+        Args:
+            samples: in the run.
+            start: stamp of the first [ns]; None stands for now.
+
+        Yields:
+            Index of the stage, its first sample, and the one after its last.
+        """
+        first = 0
+        if start is not None and self.earlier:
+            period = round(self.step.sample_time * 1e9)
+            for k, (until, _) in enumerate(self.earlier):
+                last = min(-((start - until) // period), samples)
+                if last > first:
+                    yield k, first, last
+                    first = last
+        if first < samples:
+            yield len(self.earlier), first, samples
 
     def work(self) -> FloatArray:
         """Allocate the scratch of the kernel."""
@@ -67,7 +110,7 @@ class System:
         return x
 
     def run(self, inputs: FloatArray, x: FloatArray, z: FloatArray | None = None,
-            seen: FloatArray | None = None) -> FloatArray:
+            seen: FloatArray | None = None, start: int | None = None) -> FloatArray:
         """Run freely from state x over inputs (N, m); returns the output (N,).
 
         Args:
@@ -75,10 +118,16 @@ class System:
             x: the state, (n,).
             z: what the effects keep, (memory,); by default nought.
             seen: what passes at the ports is written here, (N, ports + signals), if given.
+            start: stamp of the first sample [ns], which matters where a parameter drifts; None
+                stands for now.
         """
-        y = np.empty(len(inputs))
-        kernel.run(self.step, x.copy(), np.zeros(self.memory) if z is None else z.copy(),
-                   self.work(), inputs, y, np.empty((0, 0)) if seen is None else seen)
+        x, z = x.copy(), np.zeros(self.memory) if z is None else z.copy()
+        y, stages = np.empty(len(inputs)), self.stages
+        for k, first, last in self.stretches(len(inputs), start):
+            kernel.run(stages[k].step, x, z, self.work(), inputs, y,
+                       np.empty((0, 0)) if seen is None else seen, first, last)
+            if math.isnan(y[last - 1]):
+                break
         return y
 
     def run_each(self, inputs: FloatArray, starts: FloatArray) -> FloatArray:
@@ -137,13 +186,39 @@ def assemble(plant: Plant, values: Mapping[str, float], effects: Sequence[Placed
 
     Args:
         plant: the plant.
-        values: parameters and constants by name.
+        values: parameters and constants by name; of a parameter that drifts, the last one.
         effects: on its ports.
         sample_time: [s]; the plant's own by default.
         shift: how late inputs act [s], by name, besides what a delay among the effects adds.
         substeps: steps in a sample where there are effects; without any, one is exact.
     """
-    T = sample_time or plant.sample_time
+    def at(time: float) -> System:
+        return _assemble(plant, drifted(values, effects, time), effects,
+                         sample_time or plant.sample_time, substeps, shift, time)
+
+    spans = [span for placed in effects if placed.effect.course is not None
+             for span in [placed.effect.course.span(placed.values)]]
+    if not spans:
+        return at(math.inf)
+    edges = np.linspace(min(begin for begin, _ in spans), max(end for _, end in spans), STAGES + 1)
+    earlier = tuple((round(1e9 * end), at(0.5 * (begin + end)))
+                    for begin, end in pairwise(edges.tolist()))
+    return replace(at(math.inf), earlier=earlier)
+
+
+def drifted(values: Mapping[str, float], effects: Sequence[Placed], time: float
+            ) -> Mapping[str, float]:
+    """Return the parameters as they were at a stamp [s]."""
+    found = dict(values)
+    for placed in effects:
+        if placed.effect.course is not None:
+            found[placed.port.name] *= placed.effect.course.factor(placed.values, time)
+    return found
+
+
+def _assemble(plant: Plant, values: Mapping[str, float], effects: Sequence[Placed], T: float,
+              substeps: int, shift: Mapping[str, float] | None, time: float) -> System:
+    """Make a system of parameters that do not change."""
     laws = plant.laws(values)
     late = np.array([(shift or {}).get(signal.name, 0.0) for signal in plant.inputs]) / T
     held = np.array([signal.held for signal in plant.inputs])
@@ -175,7 +250,8 @@ def assemble(plant: Plant, values: Mapping[str, float], effects: Sequence[Placed
         p=np.array(p, dtype=np.float64), shift=late, held=held, substeps=steps, sample_time=T)
     begin = {id(placed): entry[4] for placed, entry in zip(at_port, entries, strict=True)}
     return System(plant=plant, laws=laws, step=step, memory=memory + len(entries),
-                  begins=tuple(begin.get(id(placed), -1) for placed in effects))
+                  begins=tuple(begin.get(id(placed), -1) for placed in effects),
+                  values=values, time=time)
 
 
 def port_rows(laws: Laws) -> FloatArray:

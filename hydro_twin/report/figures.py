@@ -26,7 +26,7 @@ from hydro_twin.report.chart import (
     View,
 )
 from hydro_twin.report.summary import effect_estimates
-from hydro_twin.result import Dependence, NamedEffect, Profile, Shape, TraceResult
+from hydro_twin.result import Dependence, NamedEffect, OverTime, Profile, Shape, TraceResult
 
 POINTS = 24_000         # of one curve, over all parts together
 SEGMENT = 1024          # samples, of a spectrum
@@ -78,8 +78,9 @@ def _output(result: TraceResult) -> Illustration:
     return Illustration('output', 'Measured and predicted', caption, tuple(views))
 
 
-def _effect(effect: NamedEffect, shape: Shape | Profile, plant: Plant) -> Illustration:
-    """Show an effect at its port, or, of linear dynamics, the error over their parameter."""
+def _effect(effect: NamedEffect, shape: Shape | Profile | OverTime, plant: Plant
+            ) -> Illustration:
+    """Show an effect at its port; of linear dynamics the error over their parameter."""
     title = f'{effect.placed.effect.title.capitalize()} at the {effect.port}'
     name = f'effect_{effect.id}_{effect.port}'
     if isinstance(shape, Profile):
@@ -89,6 +90,16 @@ def _effect(effect: NamedEffect, shape: Shape | Profile, plant: Plant) -> Illust
                             f'as fitted.',
                             (View('', (_profile(effect.placed, shape, plant),)),))
     port = effect.placed.port
+    if isinstance(shape, OverTime):
+        return Illustration(
+            name, f'Drift of {port.name}',
+            f'The {port.meaning} over the recording. The points know no law of the drift: at each '
+            f'time the value that the recording shows there, all other parameters free; bars are '
+            f'two standard errors.',
+            (View('', (Chart('time [s]', axis(port.meaning, port.unit), (
+                Curve('in the model', shape.time, shape.values, AFTER),
+                Curve(shape.free.label, shape.free.knots, shape.free.added, FOUND, 'points',
+                      2.0 * shape.free.std_error))),)),))
     _, x_label = _signal(port, shape.signal)
     curves = [Curve('law, as it acts in the run', shape.x, shape.added, AFTER, 'dots')]
     curves += [Curve(free.label, free.knots, free.added, colour, 'points', 2.0 * free.std_error)

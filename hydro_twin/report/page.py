@@ -8,6 +8,7 @@ from jinja2 import ChoiceLoader, Environment, PackageLoader, StrictUndefined
 
 from hydro_twin.model import Estimate
 from hydro_twin.report.chart import AFTER, BEFORE, Illustration, plain
+from hydro_twin.report.summary import where
 from hydro_twin.result import CLOSE, NEAR, TraceResult
 
 NOT_KNOWN = '–'
@@ -80,7 +81,8 @@ def _effects(result: TraceResult, summary: Mapping[str, Any]) -> list[dict[str, 
     rows = []
     for named, effect in zip(result.effects, summary['effects'], strict=True):
         law = named.placed.effect
-        rows.append({**effect, 'title': law.title,
+        at = where(named.placed, (named.port, *named.other_ports))
+        rows.append({**effect, 'where': at[0].upper() + at[1:],
                      'meanings': {p.name: p.meaning for p in law.parameters},
                      'figure': f'effect_{named.id}_{named.port}'})
     return rows

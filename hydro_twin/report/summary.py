@@ -1,11 +1,12 @@
 """The result of a trace as one plain object: `report.json`."""
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
 
-from hydro_twin.effects import Placed
+from hydro_twin.effects import Course, Placed
 from hydro_twin.model import Model
 from hydro_twin.result import (
     BestNamed,
@@ -85,11 +86,11 @@ def sentence(result: TraceResult) -> str:
             return f'{left}.'
         nearest = '' if result.best_named is None else (
             '. The best named explanation, ' + ' and '.join(
-                f'{placed.effect.id.replace("_", " ")} at the {placed.port.name}'
-                for placed in result.best_named.effects) + ', explains less')
+                where(placed, (placed.port.name,)) for placed in result.best_named.effects)
+            + ', explains less')
         return (f'{left}. With a free curve of the {over(result.found.placed)}, which has no '
                 f'name, {falls}{nearest}.')
-    named = ' and '.join(map(_named, result.effects))
+    named = ' and '.join(_named(effect, result.after) for effect in result.effects)
     if result.found:
         named += (f', and something that no known effect explains, a free curve of the '
                   f'{over(result.found.placed)}')
@@ -103,12 +104,32 @@ def over(placed: Placed) -> str:
     return f'{what} at the {placed.port.name}'
 
 
-def _named(effect: NamedEffect) -> str:
-    where = ' or the '.join((effect.port, *effect.other_ports))
-    text = f'{effect.id.replace("_", " ")} at the {where}'
+def where(placed: Placed, ports: Sequence[str]) -> str:
+    """Name an effect with the ports at which it may sit, or the parameters that may drift."""
+    name = placed.effect.id.replace('_', ' ')
+    if placed.effect.course is not None:
+        return f'{name} of {" or ".join(ports)}'
+    return f'{name} at the {" or the ".join(ports)}'
+
+
+def _named(effect: NamedEffect, model: Model) -> str:
+    text = where(effect.placed, (effect.port, *effect.other_ports))
+    if effect.placed.effect.course is not None:
+        text += f' ({_changes(effect.placed, effect.placed.effect.course, model)})'
     if effect.close:
         text = f'{text} (or {" or ".join(name.replace("_", " ") for name in effect.close)})'
     return text if effect.certain else f'something that behaves like {text}'
+
+
+def _changes(placed: Placed, course: Course, model: Model) -> str:
+    """Say from what to what a parameter drifts, and when."""
+    begin, end = course.span(placed.values)
+    last = model.values[placed.port.name]
+    first = last * course.factor(placed.values, begin)
+    idle = placed.named['idle']
+    since = f'from {_short(idle)} s on, ' if idle else ''
+    return (f'{since}from {_short(first)} to {_short(last)} {placed.port.unit} in '
+            f'{_short(end - begin - idle)} s')
 
 
 def remainder_sentence(result: TraceResult) -> str:

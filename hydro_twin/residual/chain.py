@@ -78,12 +78,14 @@ class Context:
     Attributes:
         parts: the training data.
         held_out: the held-out data.
+        times: stamps [s] of the first and the last sample of both.
         known: the alternatives fitted on top of each model.
         fits: the best fit with each set of effects.
     """
 
     parts: Sequence[Part]
     held_out: Sequence[Part]
+    times: tuple[float, float]
     seed: int
     progress: Callable[[str], None]
     known: dict[tuple[frozenset[str], int, int], list[Alternative]] = field(
@@ -94,7 +96,8 @@ class Context:
         """Fit effects on top of a fit, once for each set of unknowns."""
         key = (_effects_of(fit.candidate), len(fit.unknowns), most)
         if key not in self.known:
-            self.known[key] = fit_alternatives(fit, self.parts, most, False, self.progress)
+            self.known[key] = fit_alternatives(fit, self.parts, self.times, most, False,
+                                                self.progress)
             for alternative in self.known[key]:
                 self.remember(alternative.fit)
         return self.known[key]
@@ -311,7 +314,8 @@ def _leaves_something(chain: Chain, context: Context) -> bool:
     held_out = rms(np.concatenate(residuals(fit, context.held_out)))
     doubtful = len(chain.findings) > 1 or any(
         _nearest(f, fit.candidate.effects[f.index].effect) < NEAR for f in chain.findings)
-    return (predicted_by_ports(fit, context.parts)[1] < PREDICTED or drifts(drift(fit))
+    return (predicted_by_ports(fit, context.parts)[1] < PREDICTED
+            or drifts(drift(fit, context.parts))
             or not held_out <= HELD_OUT * fit.error
             or (doubtful and fit.error > NOISY * noise_floor(by_part(fit))))
 
@@ -354,7 +358,7 @@ def finely(fit: Fit, parts: Sequence[Part], finest: int) -> Fit:
     candidate = fit.candidate
     while candidate.substeps < finest:
         finer = replace(candidate, substeps=2 * candidate.substeps)
-        starts = [(part.inputs, start.x, start.z) for part in parts
+        starts = [(part.inputs, start.x, start.z, None, part.start) for part in parts
                   for start in [candidate.start(part)]]
         change = rms(np.concatenate([finer.system.run(*start) - candidate.system.run(*start)
                                      for start in starts]))

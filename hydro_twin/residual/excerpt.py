@@ -49,7 +49,7 @@ def excerpt(parts: Sequence[Part], plant: Plant, sample_time: float, factor: int
             return parts
         if scored_at_all <= ENOUGH:
             return horizon_windows(parts, plant, sample_time)
-        return [window for part in parts for window in windows(part, STRETCH, least)]
+        return [window for part in parts for window in windows(part, STRETCH, least, sample_time)]
     enough, scored = factor * ENOUGH, STRETCH - factor * plant.start_samples(factor * sample_time)
     total = sum(len(part.measured) for part in parts)
     rng = np.random.default_rng(0)
@@ -60,8 +60,7 @@ def excerpt(parts: Sequence[Part], plant: Plant, sample_time: float, factor: int
         length = min(STRETCH, n)
         for k in range(count):
             begin = int(n * k / count + rng.uniform() * (n / count - length))
-            cut.append(Part(part.inputs[begin:begin + length],
-                            part.measured[begin:begin + length], part.source))
+            cut.append(part.cut(begin, begin + length, sample_time))
     return cut[::max(1, len(cut) * scored // (2 * enough))]
 
 
@@ -74,8 +73,8 @@ def thin(parts: Sequence[Part], plant: Plant, factor: int) -> list[Part]:
         n = len(part.measured) // factor * factor
         held = part.inputs[:n].reshape(-1, factor, part.inputs.shape[1]).mean(axis=1)
         inputs = np.where([signal.held for signal in plant.inputs], held, part.inputs[:n:factor])
-        thinned.append(Part(np.ascontiguousarray(inputs),
-                            np.ascontiguousarray(part.measured[:n:factor]), part.source))
+        thinned.append(replace(part, inputs=np.ascontiguousarray(inputs),
+                               measured=np.ascontiguousarray(part.measured[:n:factor])))
     return thinned
 
 

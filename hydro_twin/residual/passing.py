@@ -33,7 +33,7 @@ def passing(candidate: Candidate, placed: Placed, part: Part) -> Passing:
                      key=lambda p: candidate.plant.ports.index(p.port))
     e, port = ordered.index(placed), candidate.plant.ports.index(placed.port)
     m = len(s.step.shift)
-    start, work = candidate.start(part), s.work()
+    start, work, period = candidate.start(part), s.work(), round(1e9 * candidate.sample_time)
     x, z = start.x.copy(), start.z.copy()
     u, d = work[1, :m], work[5, :len(candidate.plant.ports)]
     seen = np.empty((len(part.inputs), len(s.step.H)))
@@ -42,9 +42,10 @@ def passing(candidate: Candidate, placed: Placed, part: Part) -> Passing:
         if k == 0:
             y[k] = kernel.output(s.step, x, z, work, part.inputs, k)
         else:
-            y[k] = kernel.advance(s.step, x, z, work, part.inputs, k)
+            stage = s.at(part.start + k * period)
+            y[k] = kernel.advance(stage.step, x, z, work, part.inputs, k)
         added[k] = z[len(z) - len(s.step.effects) + e] if placed.effect.implicit else d[port]
-        seen[k] = s.step.H @ np.concatenate([x, u, d])
+        seen[k] = s.at(part.start + k * period).step.H @ np.concatenate([x, u, d])
     rows = {} if placed.effect.implicit else {'value': port}
     effect = s.step.effects[e]
     rows |= dict(zip(placed.effect.reads, (effect['signal_0'], effect['signal_1']),

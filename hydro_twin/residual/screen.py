@@ -17,6 +17,7 @@ from hydro_twin.effects import Effect, EFFECTS, Placed, sites, Span
 from hydro_twin.fitting.candidate import Candidate, Part
 from hydro_twin.fitting.free_run import Fit
 from hydro_twin.fitting.parallel import in_processes
+from hydro_twin.fitting.unknowns import left_alone
 from hydro_twin.plants import Plant, Port
 from hydro_twin.plants.plant import FloatArray
 from hydro_twin.result import Hidden
@@ -55,6 +56,9 @@ def spans(candidate: Candidate, parts: Sequence[Part]) -> dict[Port, Span]:
     largest = np.maximum(np.maximum(abs(low), abs(high)), 1e-12)
     edges = np.quantile(np.concatenate([part.measured for part in parts]), [0.005, 0.995])
     found, at = {}, len(plant.ports)
+    for port in plant.parameter_ports:
+        found[port] = Span(0.0, 0.0, {}, {}, (float(edges[0]), float(edges[1])),
+                           candidate.sample_time)
     for row, port in enumerate(plant.ports):
         here = slice(at, at + len(port.signals))
         found[port] = Span(
@@ -66,16 +70,20 @@ def spans(candidate: Candidate, parts: Sequence[Part]) -> dict[Port, Span]:
     return found
 
 
-def places(plant: Plant, taken: Sequence[Placed]) -> list[tuple[Effect, Port]]:
+def places(plant: Plant, taken: Sequence[Placed], parameters: bool = False
+           ) -> list[tuple[Effect, Port]]:
     """List every effect on every port it may sit on, less those taken.
 
-    Where a plant integrates, linear dynamics with a law (lag and mode) are left out: its output
-    hardly moves at the frequencies where they differ from a delay.
+    Effects on parameters, as a drift, only if they are asked for; and of parameters that act only
+    together, on one. Where a plant integrates, linear dynamics with a law (lag and mode) are left
+    out: its output hardly moves at the frequencies where they differ from a delay.
     """
     used = {(placed.effect, placed.port) for placed in taken}
-    slow = plant.integrates
+    slow, together = plant.integrates, left_alone(plant)
     return [(effect, port) for effect in EFFECTS for port in sites(effect, plant)
             if (effect, port) not in used
+            and (parameters or effect.course is None)
+            and (effect.course is None or port.name not in together)
             and not (slow and effect.dynamic and effect.law is not None)]
 
 

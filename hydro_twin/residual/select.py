@@ -29,10 +29,12 @@ from hydro_twin.fitting.unknowns import (
     usual,
 )
 from hydro_twin.fitting.whiteness import is_white
+from hydro_twin.model import place
 from hydro_twin.plants.plant import FloatArray
 from hydro_twin.predictors.scores import rms
 from hydro_twin.residual.noise import autoregression, whiten
 from hydro_twin.residual.screen import places, Prospect, screen, spans
+from hydro_twin.residual.structure import drift, drifting, drifts
 
 AGAIN = 5               # effects with the best scores that are searched from two starting points
 RACING, LEADING = 4, 10     # evaluations of every search; effects that are then searched on
@@ -132,7 +134,8 @@ def likelihood_gain(before: Sequence[FloatArray], after: Sequence[FloatArray]) -
     return len(a) * math.log(max(float(a @ a), 1e-300) / max(float(b @ b), 1e-300))
 
 
-def fit_alternatives(base: Fit, parts: Sequence[Part], most: int, afresh: bool,
+def fit_alternatives(base: Fit, parts: Sequence[Part], times: tuple[float, float], most: int,
+                     afresh: bool,
                      progress: Callable[[str], None] = lambda _: None,
                      known: Sequence[Candidate] = ()) -> list[Alternative]:
     """Fit a base with one effect more, for each effect and port; best first.
@@ -145,6 +148,7 @@ def fit_alternatives(base: Fit, parts: Sequence[Part], most: int, afresh: bool,
     Args:
         base: the fit without the effect.
         parts: the data to fit.
+        times: stamps [s] between which a parameter may drift.
         most: how many effects to fit, by their score, beside those that hide.
         afresh: whether to start with other values of the plant's parameters, too.
         progress: called with what is being fitted.
@@ -159,7 +163,7 @@ def fit_alternatives(base: Fit, parts: Sequence[Part], most: int, afresh: bool,
               if effect.hides for values in effect.starts(reach[port])[:1]]
     near = [with_effect(base.candidate, placed)
             for placed in (*shortlist(prospects, most), *hiding)]
-    plain = list(known)
+    plain = [*known, *drift_starts(base, parts, times)]
     if afresh:
         plain += nearest(linear_starts(base.candidate, parts), parts)
     return finish(base, race([*plain, *near], parts, progress), parts)
@@ -207,11 +211,23 @@ def linear_starts(candidate: Candidate, parts: Sequence[Part]) -> list[Candidate
     """
     plant = candidate.plant
     middle = {name: math.exp(0.5 * (low + high)) for name, (low, high) in usual(plant).items()}
-    fitted = [parts, between_ends(parts)] if plant.integrates else [parts]
+    fitted = [parts, between_ends(parts, candidate.sample_time)] if plant.integrates else [parts]
     by_one_step = [one_step_values(plant, some, candidate.values, candidate.sample_time)
                    for some in fitted if some]
     return [replace(candidate, values={**candidate.values, **values}, timing={})
             for values in (middle, *by_one_step) if values is not None]
+
+
+def drift_starts(base: Fit, parts: Sequence[Part], times: tuple[float, float]
+                 ) -> list[Candidate]:
+    """Let each parameter drift at the rate that the residual says, if it says that any does."""
+    if not drifts(drift(base, parts)):
+        return []
+    rates, plant = drifting(base, parts), base.candidate.plant
+    return [with_effect(base.candidate, place(effect.id, port.name, {
+                'rate': rates[port.name], 'begin': times[0], 'end': times[1]}, plant))
+            for effect, port in places(plant, base.candidate.effects, parameters=True)
+            if effect.course is not None and rates.get(port.name)]
 
 
 def with_each(linear: Candidate, parts: Sequence[Part]) -> list[Candidate]:
@@ -301,7 +317,7 @@ def relocated(candidate: Candidate, parts: Sequence[Part]) -> list[Candidate]:
     *others, last = candidate.effects
     reach = spans(candidate, parts)
     moved = []
-    for effect, port in places(candidate.plant, others):
+    for effect, port in places(candidate.plant, others, last.effect.course is not None):
         if effect is last.effect and port != last.port:
             ratio = reach[port].value / reach[last.port].value
             values = tuple(v * ratio if p.unit == 'value' else v

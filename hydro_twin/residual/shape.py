@@ -13,16 +13,16 @@ import numpy as np
 from scipy import signal
 from scipy.linalg import block_diag
 
-from hydro_twin.effects import Placed
+from hydro_twin.effects import Course, Placed
 from hydro_twin.fitting.candidate import Part
 from hydro_twin.fitting.free_run import Fit
 from hydro_twin.plants.plant import FloatArray
 from hydro_twin.predictors.scores import rms
-from hydro_twin.residual.noise import autoregression
+from hydro_twin.residual.noise import autoregression, whiten
 from hydro_twin.residual.passing import Passing, passing
 from hydro_twin.residual.select import by_part
-from hydro_twin.residual.structure import BLOCK, hats, to_output
-from hydro_twin.result import FreeCurve, Profile, Shape
+from hydro_twin.residual.structure import BLOCK, hats, times, to_output
+from hydro_twin.result import FreeCurve, OverTime, Profile, Shape
 
 KNOTS = 8               # evenly spaced, and as many again at quantiles
 CLOSEST = 0.02          # of two knots, as a share of the reach
@@ -124,7 +124,7 @@ def telling(seen: Sequence[Passing]) -> str:
     return min(unexplained, key=lambda name: unexplained[name])
 
 
-def shape_of(fit: Fit, placed: Placed, parts: Sequence[Part]) -> Shape | Profile:
+def shape_of(fit: Fit, placed: Placed, parts: Sequence[Part]) -> Shape | Profile | OverTime:
     """Show an effect at its port; of linear dynamics, which have no curve there, a profile.
 
     Args:
@@ -134,6 +134,8 @@ def shape_of(fit: Fit, placed: Placed, parts: Sequence[Part]) -> Shape | Profile
     """
     if placed.effect.dynamic:
         return _profile(fit, placed, parts)
+    if placed.effect.course is not None:
+        return _over_time(fit, placed, placed.effect.course, parts)
     seen = [passing(fit.candidate, placed, part) for part in parts]
     over = telling(seen)
     start_up = fit.candidate.start_up
@@ -147,6 +149,36 @@ def shape_of(fit: Fit, placed: Placed, parts: Sequence[Part]) -> Shape | Profile
         curves.append(FreeCurve(curve.label, curve.knots[known], curve.added[known],
                                 curve.std_error[known]))
     return Shape(over, len(seen[0].signals), x[::every], added[::every], tuple(curves))
+
+
+def _over_time(fit: Fit, placed: Placed, course: Course, parts: Sequence[Part]) -> OverTime:
+    """Show the value of a parameter over time, by its law and by itself in spells of time.
+
+    The latter by least squares on what the model leaves, whitened, with all other unknowns free.
+    """
+    begin, end = course.span(placed.values)
+    last = fit.candidate.values[placed.port.name]
+
+    def value(time: FloatArray) -> FloatArray:
+        return last * np.array([course.factor(placed.values, begin + t) for t in time])
+
+    time = times(fit, parts) + 1e-9 * min(part.start for part in parts) - begin
+    knots = np.linspace(time.min(), time.max(), KNOTS)
+    own = [u.owner == '' and u.name == placed.port.name for u in fit.unknowns]
+    index = str(fit.candidate.effects.index(placed))
+    others = [not mine and u.owner != index for mine, u in zip(own, fit.unknowns, strict=True)]
+    columns = np.hstack([fit.jacobian[:, own] * hats(time, knots), fit.jacobian[:, others]])
+    filter_, cuts = autoregression(by_part(fit)), np.cumsum(fit.lengths)[:-1]
+    X = np.column_stack([whiten(np.split(column, cuts), filter_) for column in columns.T])
+    target = whiten(by_part(fit), filter_)
+    size = np.maximum(np.linalg.norm(X, axis=0), 1e-300)
+    covariance = np.linalg.pinv((X / size).T @ (X / size), rcond=1e-10, hermitian=True)
+    found = covariance @ ((X / size).T @ target)
+    error = rms(target - X / size @ found) * np.sqrt(np.diag(covariance))
+    found, error = ((v / size)[:KNOTS] for v in (found, error))
+    at_knots, line = value(knots), np.linspace(0.0, end - begin, DOTS)
+    return OverTime(line, value(line), FreeCurve(
+        'by itself', knots, at_knots * (1.0 + found), at_knots * error))
 
 
 def _profile(fit: Fit, placed: Placed, parts: Sequence[Part]) -> Profile:

@@ -86,12 +86,42 @@ def free_curves(fit: Fit, parts: Sequence[Part]) -> list[Dependence]:
     return sorted(found, key=lambda d: -d.share)
 
 
-def drift(fit: Fit) -> tuple[float, float]:
+def drift(fit: Fit, parts: Sequence[Part]) -> tuple[float, float]:
     """Share and p-value of a drift of the parameters: the tangent times time as columns."""
-    time = np.linspace(-1.0, 1.0, len(fit.residual))[:, None]
     basis, _ = np.linalg.qr(fit.jacobian)
-    _, share, p_value = explained(fit.jacobian * time, fit.residual, basis)
+    time = times(fit, parts)
+    columns = fit.jacobian * (time - time.mean())[:, None]
+    _, share, p_value = explained(columns, fit.residual, basis)
     return share, p_value
+
+
+def times(fit: Fit, parts: Sequence[Part]) -> FloatArray:
+    """Return the stamp of every sample scored, from the first [s]."""
+    candidate, first = fit.candidate, min(part.start for part in parts)
+    return np.concatenate([
+        1e-9 * (part.start - first)
+        + candidate.sample_time * np.arange(candidate.start_up, len(part.measured))
+        for part in parts])
+
+
+def drifting(fit: Fit, parts: Sequence[Part]) -> dict[str, float]:
+    """Say at which rate each parameter of the plant would have to drift by itself.
+
+    Returns:
+        Change a second over the value at the end, least squares on the residual of the fit, of
+        each parameter that was fitted.
+    """
+    basis, _ = np.linalg.qr(fit.jacobian)
+    time = times(fit, parts)
+    residual = fit.residual - basis @ (basis.T @ fit.residual)
+    rates = {}
+    for unknown, slope in zip(fit.unknowns, fit.jacobian.T, strict=True):
+        if unknown.owner == '':
+            column = slope * (time - time.max())
+            column -= basis @ (basis.T @ column)
+            size = float(column @ column)
+            rates[unknown.name] = float(column @ residual) / size if size > 0.0 else 0.0
+    return rates
 
 
 def drifts(found: tuple[float, float]) -> bool:

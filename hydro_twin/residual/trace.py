@@ -160,10 +160,10 @@ def _search(train: Recording, test: Recording, plant: Plant,
     single = [] if known is None else [
         replace(resampled(known, base.candidate.sample_time),
                 effects=(*known.effects[:given], placed)) for placed in known.effects[given:]]
-    alternatives = fit_alternatives(base, parts, EVERY, True, progress, single)
+    context = Context(parts, others, _times([*whole, *held_out], sample_time), seed, progress)
+    alternatives = fit_alternatives(base, parts, context.times, EVERY, True, progress, single)
     if alternatives:
         base = without_last(base, alternatives[0].fit, parts)
-    context = Context(parts, others, seed, progress)
     chain = grow(base, alternatives, context)
     if chain.findings:
         better = search(finely(chain.fit, parts, FINEST).candidate, parts, 60)
@@ -209,10 +209,16 @@ def _search(train: Recording, test: Recording, plant: Plant,
         floor=noise_floor(pieces), white=is_white(pieces),
         lines=tuple(lines(pieces, sample_time)),
         bursts=tuple(bursts(residuals(after, [*whole, *held_out]))),
-        depends_on=tuple(dependences(after, fine)), drifts=drift(after),
+        depends_on=tuple(dependences(after, fine)), drifts=drift(after, fine),
         by_ports=predicted_by_ports(after, fine), found=found,
         best_named=_best_named(replaced, others) if found and replaced else None)
     return traced if traced.fails else replace(traced, hidden=tuple(hidden(after, fine)))
+
+
+def _times(parts: Sequence[Part], sample_time: float) -> tuple[float, float]:
+    """Return the stamps [s] of the first and the last sample of all parts."""
+    return (1e-9 * min(part.start for part in parts),
+            max(1e-9 * part.start + sample_time * (len(part.measured) - 1) for part in parts))
 
 
 def _linear(plain: Candidate, parts: Sequence[Part], seed: int) -> Fit:

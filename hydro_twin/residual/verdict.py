@@ -44,6 +44,10 @@ def _judge(found: Evidence, finding: Finding, reach: Mapping[Port, Span]) -> Nam
     placed = found.final.candidate.effects[finding.index]
     other_ports = tuple(alternative.placed.port.name for alternative, distance in finding.rivals
                         if alternative.id == placed.effect.id and distance < CLOSE)
+    if placed.effect.course is not None:
+        other_ports += tuple(name for combination in found.plant.combinations
+                             if placed.port.name in combination for name in combination
+                             if name not in (placed.port.name, *other_ports))
     alike = _alike(found.plant, placed.effect.id, (placed.port.name, *other_ports), reach)
     rivals = _by_id(finding, placed.effect.id, alike)
     telling = finding.share / (1.0 - min(finding.share, 1.0 - 1e-12)) * len(found.after.residual)

@@ -3,7 +3,6 @@ import pytest
 
 from benchmarks.tracing.cases import case_of
 from hydro_twin.plants.load_simulator import LOAD_SIMULATOR
-from hydro_twin.residual.structure import drifts
 from hydro_twin.residual.trace import evidence
 
 pytestmark = pytest.mark.slow
@@ -30,10 +29,13 @@ def test_flow_that_rises_progressively_is_a_curve_and_no_dead_zone():
     assert (placed.port.name, placed.effect.reads) == ('flow', ('opening',))
 
 
-def test_a_parameter_that_drifts_is_no_effect():
-    found = traced(6105, 'leak_drift')
-    assert found.findings == ()
-    assert drifts(found.drifts)
+def test_leakage_of_oil_that_warms_is_a_drift():
+    found = traced(6021, 'leak_drift')
+    (placed,) = found.after.candidate.effects
+    assert (placed.effect.id, placed.port.name) == ('drift', 'K_ce')
+    a = case_of(6021).rig().truth.built[0].fields['leak_drift']     # K_ce (1 + a t)
+    end = placed.named['end']
+    assert placed.named['rate'] == pytest.approx(a / (1.0 + a * end), rel=0.1)
 
 
 def test_a_spool_that_does_not_seal_has_a_dead_zone_and_no_leakage():

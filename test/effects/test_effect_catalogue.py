@@ -8,7 +8,7 @@ from hydro_twin.plants import PLANTS
 
 IDS = {'friction', 'dead_zone', 'backlash', 'saturation', 'rate_limit', 'hysteresis', 'delay',
        'asymmetry', 'bias', 'orifice', 'leakage', 'stiffening', 'ripple', 'gain', 'end_stop',
-       'lag', 'mode'}
+       'lag', 'mode', 'drift'}
 SITES = [(plant, effect, port) for plant in PLANTS.values() for effect in EFFECTS
          for port in sites(effect, plant)]
 
@@ -44,7 +44,7 @@ def test_every_effect_has_a_place_and_something_to_say(effect):
     assert any(e is effect for _, e, _ in SITES)
     assert effect.title
     assert effect.excitation
-    assert (effect.law is None) == bool(effect.shifts)
+    assert (effect.law is None) == bool(effect.shifts or effect.course)
     if effect.law is not None:
         assert effect.law.py_func.__doc__
 
@@ -63,6 +63,9 @@ def test_a_search_starts_within_the_bounds_and_leads_to_the_simple_law(site):
     _, effect, port = site
     span = wide(port)
     starts = list(effect.starts(span))
+    if effect.course is not None:           # which begins at what the residual says
+        assert not starts
+        starts = [(1e-2, 0.0, math.inf, 0.0, 60.0)]
     assert starts
     for start in starts:
         assert effect.distinguishable is None or effect.distinguishable(span, start)

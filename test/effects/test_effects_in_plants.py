@@ -22,7 +22,7 @@ NEUTRAL = {   # parameters with which a law changes nothing
     'ripple': (0.0, 0.0, 9.0, 0.0, 0.0, 0.0, 0.0), 'gain': (0.0,), 'end_stop': (-1e9, 1e9),
 }
 SITES = [(plant, effect, port) for plant in PLANTS.values() for effect in EFFECTS
-         for port in sites(effect, plant)]
+         for port in sites(effect, plant) if effect.course is None]
 AMPLITUDES = {'u_m': 0.4, 'theta_d': 0.1, 'force': 100.0}
 
 

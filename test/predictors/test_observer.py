@@ -239,7 +239,7 @@ def test_the_covariance_stays_positive_definite_and_all_is_finite(rig, what):
     x, z = system.start(inputs[0], float(np.nan_to_num(measured[0]))), np.zeros(system.memory)
     results, none = np.empty((3000, 2)), np.empty((0, 2, len(x)))
     for begin in range(0, 3000, 50):
-        run(system.step, observer.tangent, observer.filter, scratch, x, z, inputs, measured,
+        run(*observer.filters[-1], scratch, x, z, inputs, measured,
             begin, begin + 50, results, none)
         P = (scratch.S @ scratch.S.T)[:len(x), :len(x)]
         scale = np.sqrt(np.diag(P))

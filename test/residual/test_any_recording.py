@@ -131,7 +131,7 @@ def looked_at(fit, parts):
     for curve in curves:
         assert np.isfinite(curve.curve).all()
         assert (np.diff(curve.knots) > 0.0).all()
-    for share, p_value in (drift(fit), predicted_by_ports(fit, parts),
+    for share, p_value in (drift(fit, parts), predicted_by_ports(fit, parts),
                            *((curve.share, curve.p_value) for curve in curves)):
         assert share <= 1.0 + 1e-9      # by cross-validation: below zero where it only harms
         assert is_share(p_value)

@@ -73,7 +73,7 @@ def test_a_delay_that_lags_and_inertia_had_made_up_for():
     alone, parts, _ = fitted(record(*both, noise=0.3))
     zone = replace(alone.candidate, effects=(place(*both[1], PLANT),))
     base = search(zone, parts, 40)
-    first, *_ = fit_alternatives(base, parts, 8, False)
+    first, *_ = fit_alternatives(base, parts, (0.0, 1.0), 8, False)
     assert first.id == 'delay'
     assert first.placed.named['time'] == pytest.approx(0.008, rel=0.1)
     assert first.fit.error < 0.99 * base.error

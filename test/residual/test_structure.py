@@ -30,7 +30,7 @@ def linear():
 def test_a_linear_rig_depends_on_nothing(linear):
     for fit, train, _ in linear:
         assert dependences(fit, train) == []
-        for share, p_value in (drift(fit), predicted_by_ports(fit, train)):
+        for share, p_value in (drift(fit, train), predicted_by_ports(fit, train)):
             assert p_value > 0.01
             assert share < 0.01
 

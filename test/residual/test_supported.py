@@ -29,7 +29,7 @@ def grown(recording, *effects):
     placed = tuple(place(*effect, PLANT) for effect in effects)
     fit = search(replace(alone.candidate, effects=placed), parts, 40)
     findings = tuple(Finding(k, 0.0, 0.5, ()) for k in range(len(effects)))
-    return Chain(fit, findings), alone, Context(parts, held_out, 0, lambda _: None)
+    return Chain(fit, findings), alone, Context(parts, held_out, (0.0, 1.0), 0, lambda _: None)
 
 
 def names(chain):

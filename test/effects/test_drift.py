@@ -1,0 +1,178 @@
+"""A parameter that drifts: its law, the run with it, and what a trace makes of one."""
+from dataclasses import replace
+import math
+
+import numpy as np
+import pytest
+from scipy.integrate import solve_ivp
+
+from hydro_twin.effects.drift import factor, slopes
+from hydro_twin.fitting.candidate import Candidate, Part
+from hydro_twin.fitting.free_run import Problem
+from hydro_twin.fitting.unknowns import effect_unknowns, get, plant_unknowns
+from hydro_twin.model import Estimate, FittedEffect, Model, Noise, place, read_model, write_model
+from hydro_twin.plants import PLANTS
+from hydro_twin.predictors.analytical import Analytical
+from hydro_twin.predictors.sensitivities import run_with_slopes, tangents_of
+from hydro_twin.predictors.system import assemble, STAGES
+from hydro_twin.recording.series import Recording, Series
+from hydro_twin.report.summary import sentence
+from hydro_twin.residual.trace import trace
+
+LOAD = PLANTS['load_simulator']
+VALUES = LOAD.constant_values() | LOAD.middle()
+T = LOAD.sample_time
+BEGIN, END = 100.0, 106.0       # stamps [s]
+STRAIGHT = {'rate': 0.1, 'begin': BEGIN, 'end': END}
+ALL = STRAIGHT | {'idle': 1.0, 'time_constant': 1.5}
+INF = math.inf
+
+
+@pytest.mark.parametrize(('law', 'time', 'expected'), [
+    ((0.1, 0.0, INF, BEGIN, END), 90.0, 0.4),           # before: as at the begin
+    ((0.1, 0.0, INF, BEGIN, END), 103.0, 0.7),
+    ((0.1, 0.0, INF, BEGIN, END), 200.0, 1.0),          # after: as at the end
+    ((-0.5, 0.0, INF, BEGIN, END), 101.0, 3.5),
+    ((0.1, 2.0, INF, BEGIN, END), 101.9, 0.6),          # it has not begun
+    ((0.1, 2.0, INF, BEGIN, END), 104.0, 0.8),
+    ((0.1, 9.0, INF, BEGIN, END), 101.0, 1.0),          # it never begins
+    ((0.1, 0.0, 2.0, BEGIN, END), 102.0,
+     1.0 - 0.6 * (math.exp(-1.0) - math.exp(-3.0)) / (1.0 - math.exp(-3.0))),
+    ((0.1, 0.0, 1e7, BEGIN, END), 103.0, 0.7),          # a slow lag is a straight line
+    ((10.0, 0.0, INF, BEGIN, END), 100.0, 0.05),        # it does not change its sign
+])
+def test_law(law, time, expected):
+    assert factor(law, time) == pytest.approx(expected, rel=1e-6)
+
+
+def test_slopes():
+    law = (0.1, 2.0, INF, BEGIN, END)
+    assert slopes(law, 101.0) == pytest.approx((-4.0, 0.1, 0.0, 0.0, 0.0))
+    assert slopes(law, 105.0) == pytest.approx((-1.0, 0.0, 0.0, 0.0, 0.0))
+    lag = (0.1, 0.0, 2.0, BEGIN, END)
+    h = 1e-4
+    rise = (factor((0.1, 0.0, 2.0 + h, BEGIN, END), 102.0) - factor(lag, 102.0)) / h
+    assert slopes(lag, 102.0)[2] == pytest.approx(rise, rel=1e-3)
+
+
+def inputs_of(samples):
+    t = T * np.arange(samples)
+    return np.column_stack([0.3 * np.sin(9.0 * t), 0.02 * np.sin(4.0 * t)])
+
+
+@pytest.mark.parametrize('parameters', [STRAIGHT, ALL])
+def test_a_run_is_that_of_laws_that_vary(parameters):
+    """Against scipy on x' = A(t) x + B(t) u, to half a stage of the change, which is 0.6 here."""
+    samples = round((END - BEGIN) / T)
+    inputs = inputs_of(samples)
+    drift = place('drift', 'K_ce', parameters, LOAD)
+    system = assemble(LOAD, VALUES, (drift,))
+    found = system.run(inputs, np.zeros(LOAD.order), start=round(1e9 * BEGIN))
+
+    def laws(t):
+        return LOAD.laws(VALUES | {'K_ce': VALUES['K_ce'] * factor(drift.values, BEGIN + t)})
+
+    def rates(t, x, command):       # which is held; the angle goes in a straight line
+        angle = np.interp(t, T * np.arange(samples), inputs[:, 1])
+        return laws(t).A @ x + laws(t).B @ [command, angle]
+
+    x, y = np.zeros(LOAD.order), [0.0]
+    for k in range(1, 1001):
+        x = solve_ivp(rates, ((k - 1) * T, k * T), x, method='LSODA', rtol=1e-8, atol=1e-12,
+                      args=(inputs[k - 1, 0],)).y[:, -1]
+        y.append(float((laws(k * T).C @ x + laws(k * T).D @ inputs[k])[0]))
+    changed = assemble(LOAD, VALUES).run(inputs, np.zeros(LOAD.order))[:1001]
+    effect = np.max(np.abs(changed - y))
+    assert np.max(np.abs(found[:1001] - y)) < effect / STAGES
+    assert effect > 0.05 * np.max(np.abs(y))
+
+
+def candidate_of(parameters):
+    return Candidate(LOAD, VALUES, T, (place('drift', 'K_ce', parameters, LOAD),))
+
+
+@pytest.mark.parametrize('parameters', [STRAIGHT, ALL])
+def test_derivatives_of_a_run(parameters):
+    """By differences; theirs are interpolated over a parameter that more than doubles."""
+    candidate = candidate_of(parameters)
+    part = Part(inputs_of(3000), np.zeros(3000), start=round(1e9 * BEGIN))
+    unknowns = plant_unknowns(LOAD, 'physical') + effect_unknowns(0, candidate.effects[0])
+    assert {u.name for u in unknowns if u.owner == '0'} == set(parameters) - {'begin', 'end'}
+    problem = Problem(candidate, unknowns, [part])
+    by, order = problem.directions(candidate, candidate.system)
+    tangents = tangents_of(candidate.system,
+                           lambda stage: problem.directions(candidate, stage)[0])
+    x = np.zeros(LOAD.order)
+    y, found = run_with_slopes(candidate.system, by, tangents, part.inputs, x, np.zeros(0),
+                               part.start)
+    np.testing.assert_array_equal(y, candidate.system.run(part.inputs, x, start=part.start))
+    at, slopes = np.array([u.coordinate(get(candidate, u)) for u in unknowns]), found[:, :by.count]
+    for column, k in enumerate(order):
+        step = 1e-4 * np.eye(len(at))[k]
+        above, below = (problem.candidate(at + way * step).system.run(
+            part.inputs, x, start=part.start) for way in (1.0, -1.0))
+        expected = (above - below) / 2e-4
+        assert np.max(np.abs(slopes[:, column] - expected)) < 0.02 * np.max(np.abs(expected))
+
+
+def model(parameters=ALL):
+    noise = Noise(0.5, {'p_L': 1e5}, {'x_v': 1e-5, 'p_L': 1e6, 'omega_j': 0.1, 'theta_j': 0.01})
+    return Model(LOAD, {name: Estimate(value) for name, value in LOAD.middle().items()},
+                 LOAD.constant_values(), T, noise=noise,
+                 effects=(FittedEffect(place('drift', 'K_ce', parameters, LOAD)),))
+
+
+def series_of(samples, start):
+    inputs = inputs_of(samples)
+    return Series({'u_m': inputs[:, 0], 'theta_d': inputs[:, 1],
+                   'T_g': 30.0 * np.sin(np.arange(samples) / 90.0)}, T, start=round(1e9 * start))
+
+
+@pytest.mark.parametrize('mode', ['one_step', 'free_run', 'observer'])
+def test_live_is_offline_to_the_last_digit(mode):
+    predictor = Analytical(model())
+    series = series_of(3000, BEGIN + 0.7)
+    stepper = predictor.stepper(mode)
+    live = [stepper.step(u, y, series.start + k * 2_000_000) for k, (u, y) in enumerate(zip(
+        predictor.inputs(series), series['T_g'].tolist(), strict=True))]
+    np.testing.assert_array_equal(live, getattr(predictor, mode)(series))
+
+
+@pytest.mark.parametrize('mode', ['one_step', 'free_run', 'observer'])
+def test_after_the_end_it_is_the_plant_with_the_last_value(mode):
+    late, plain = series_of(500, END + 1e6), replace(model(), effects=())
+    np.testing.assert_allclose(getattr(Analytical(model()), mode)(late),
+                               getattr(Analytical(plain), mode)(late), rtol=1e-9, atol=1e-9)
+
+
+def test_a_model_file_keeps_it(tmp_path):
+    write_model(model(), tmp_path / 'model.yaml')
+    assert read_model(tmp_path / 'model.yaml').placed == model().placed
+
+
+@pytest.mark.slow
+def test_it_is_named_with_its_rate_and_when_it_began():
+    """A motor that wears from the second third on, in a recording of three series with pauses."""
+    rng = np.random.default_rng(1)
+    t = T * np.arange(1500)
+    truth = candidate_of({'rate': 0.03, 'idle': 8.0, 'begin': BEGIN, 'end': BEGIN + 22.0})
+    series = []
+    for k in range(3):
+        u = 0.1 * sum(np.sin(f * t + rng.uniform(0.0, 6.0)) for f in (3.0, 11.0, 29.0))
+        angle = 0.02 * np.sin((2.0 + k) * t)
+        start = round(1e9 * (BEGIN + 9.5 * k))
+        y = truth.system.run(np.column_stack([u, angle]), np.zeros(LOAD.order), start=start)
+        series.append(Series({'u_m': u, 'theta_d': angle,
+                              'T_g': y + 0.005 * np.std(y) * rng.standard_normal(len(y))},
+                             T, start=start))
+    found = trace(Recording(tuple(series)), None, LOAD)
+    effect, = found.effects
+    assert (effect.id, effect.port, effect.certain) == ('drift', 'K_ce', True)
+    values = effect.placed.named
+    assert values['rate'] == pytest.approx(0.03, rel=0.1)
+    assert values['idle'] == pytest.approx(8.0, abs=0.5)
+    assert (values['begin'], values['end']) == (BEGIN, BEGIN + 19.0 + t[-1])
+    shape, = found.shapes
+    by_law = np.interp(shape.free.knots, shape.time, shape.values)
+    assert np.mean(np.abs(shape.free.added - by_law) < 3.0 * shape.free.std_error) > 0.8
+    assert 'The model lacks drift of K_ce (from ' in sentence(found)
