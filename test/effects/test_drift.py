@@ -171,7 +171,7 @@ def test_it_is_named_with_its_rate_and_when_it_began():
     values = effect.placed.named
     assert values['rate'] == pytest.approx(0.03, rel=0.1)
     assert values['idle'] == pytest.approx(8.0, abs=0.5)
-    assert (values['begin'], values['end']) == (BEGIN, BEGIN + 19.0 + t[-1])
+    assert (values['begin'], values['end']) == pytest.approx((BEGIN, BEGIN + 19.0 + t[-1]))
     shape, = found.shapes
     by_law = np.interp(shape.free.knots, shape.time, shape.values)
     assert np.mean(np.abs(shape.free.added - by_law) < 3.0 * shape.free.std_error) > 0.8
