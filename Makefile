@@ -7,7 +7,7 @@ BAG := bags/rig_a
 # What each of many processes imports is compiled to bytecode once.
 unexport PYTHONDONTWRITEBYTECODE
 
-.PHONY: demo fleet-demo test types tests docs bags picture
+.PHONY: demo fleet-demo test types tests measured docs bags picture
 
 # Fits the linear model to a recording, finds what it lacks, adds that, and compares the two.
 demo: $(UV)
@@ -29,11 +29,15 @@ test: $(UV)
 	$(DEV) ruff check
 	$(MAKE) --jobs=2 types tests
 
+# Traces of measured data in $HYDRO_TWIN_DATA, see docs/measured.md: a quarter of an hour.
+measured: $(UV)
+	$(DEV) pytest -m measured test/test_measured.py
+
 types: $(UV)
 	$(DEV) mypy
 
 tests: $(UV)
-	$(DEV) pytest -n 2 --dist loadfile --no-loadscope-reorder $(if $(CI),-m 'slow or not slow')
+	$(DEV) pytest -n 2 --dist loadfile --no-loadscope-reorder $(if $(CI),-m 'not measured')
 
 # The pages of docs/ and a reference of the docstrings, in out/docs/index.html.
 docs: $(UV)

@@ -87,6 +87,7 @@ def test_positioning(shell: Shell, tmp_path: Path) -> None:
     assert published['free_run']['rmse'] < 0.1 * found['free_run']['rmse']
 
 
+@pytest.mark.measured
 def test_what_the_axis_lacks(shell: Shell, tmp_path: Path) -> None:
     train, test = emps(shell, tmp_path)
     found = shell('trace', train, '--test', test, '--plant', 'positioning', '-o', tmp_path / 'out')
@@ -123,6 +124,7 @@ def test_cylinder(shell: Shell, tmp_path: Path) -> None:
     documented('published speeds', 1e3 * whole(DOCS / 'measured' / 'cylinder_asymmetry.yaml'))
 
 
+@pytest.mark.measured
 def test_servo_valve_and_cylinder(shell: Shell, tmp_path: Path) -> None:
     bag = tmp_path / 'bag'
     shell('import', *sorted((DATA / 'servo_valve_cylinder').glob('*.csv.gz')), '-o', bag,
@@ -142,6 +144,7 @@ def test_servo_valve_and_cylinder(shell: Shell, tmp_path: Path) -> None:
     assert after < 0.1 * before
 
 
+@pytest.mark.measured
 def test_water_valve(shell: Shell, tmp_path: Path) -> None:
     shell('import', DATA / 'water_valve' / 'actuator3_2001-10-11_1h.csv.gz', '-o',
           tmp_path / 'valve', '--map', ROOT / 'config' / 'measured' / 'water_valve.yaml')

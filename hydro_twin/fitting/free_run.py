@@ -36,6 +36,7 @@ INSIDE = 1e-9           # distance to a bound, relative
 REWEIGHTED = 2          # further searches with new weights; they settle after one, or hardly
 SAME_WEIGHT = 2.0       # ratio of two weights that give nearly the same start
 SMALL = 0.1             # of the residual: a start that takes off less hardly turns the slopes
+GIVEN = 4               # steps in a sample with given effects: no search refines them later
 CONVERGED = 'converged'
 
 
@@ -334,6 +335,8 @@ def fit_linear(plant: Plant, parts: Sequence[Part], constants: Mapping[str, floa
         unknowns += timing_unknowns(plant, sample_time)
     rng = np.random.default_rng(seed)
     base = Candidate(plant, {**constants, **plant.middle()}, sample_time, effects)
+    if effects:
+        base = replace(base, substeps=GIVEN)
     draws = [base] + [
         replace(base, values={**base.values, **{
             p.name: float(math.exp(rng.uniform(math.log(p.lower), math.log(p.upper))))
