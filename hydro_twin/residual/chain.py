@@ -97,7 +97,7 @@ class Context:
         key = (_effects_of(fit.candidate), len(fit.unknowns), most)
         if key not in self.known:
             self.known[key] = fit_alternatives(fit, self.parts, self.times, most, False,
-                                                self.progress)
+                                               self.progress)
             for alternative in self.known[key]:
                 self.remember(alternative.fit)
         return self.known[key]
