@@ -17,10 +17,11 @@ import numpy as np
 from scipy.optimize import least_squares
 
 from hydro_twin.effects import Placed
-from hydro_twin.fitting.candidate import Candidate, Part
 from hydro_twin.fitting.free_run import Problem
+from hydro_twin.fitting.output_error import initial_states
+from hydro_twin.fitting.parts import Part
 from hydro_twin.fitting.unknowns import effect_unknowns, get, plant_unknowns, timing_unknowns
-from hydro_twin.model import place
+from hydro_twin.model import Model, place
 from hydro_twin.plants import plant_named
 from hydro_twin.plants.plant import FloatArray
 from hydro_twin.predictors.sensitivities import run_with_slopes, tangent_of
@@ -54,12 +55,12 @@ def problem() -> Problem:
         0.02 * np.sin(2 * np.pi * 1.3 * t)])
     values = PLANT.constant_values() | {p.name: (p.lower * p.upper) ** 0.5
                                         for p in PLANT.parameters}
-    made = Candidate(PLANT, values, PLANT.sample_time, friction(10.0, 2.0))
+    made = Model(PLANT, values, PLANT.sample_time, friction(10.0, 2.0), substeps=2)
     clean = made.system.run(inputs, np.zeros(PLANT.order))
     part = Part(inputs, clean + 0.5 * rng.standard_normal(SAMPLES))
-    begun = Candidate(PLANT, values | {p.name: values[p.name] * rng.uniform(0.8, 1.25)
-                                       for p in PLANT.parameters}, PLANT.sample_time,
-                      friction(7.0, 1.0), {'u_m': -0.2 * PLANT.sample_time})
+    begun = Model(PLANT, values | {p.name: values[p.name] * rng.uniform(0.8, 1.25)
+                                   for p in PLANT.parameters}, PLANT.sample_time,
+                  friction(7.0, 1.0), {'u_m': -0.2 * PLANT.sample_time}, substeps=2)
     unknowns = plant_unknowns(PLANT, 'physical') + timing_unknowns(PLANT, PLANT.sample_time)
     for index, placed in enumerate(begun.effects):
         unknowns += effect_unknowns(index, placed)
@@ -70,7 +71,7 @@ def by_scipy(fit: Problem) -> Any:
     """Search the same unknowns, and the state at the start, by differences."""
     part, = fit.parts
     begin = np.array([u.coordinate(get(fit.base, u)) for u in fit.unknowns])
-    start = fit.base.start(part)
+    start, = initial_states(fit.base, fit.parts)
     scale = np.array([1e-4, 1e6, 0.1, 0.01])
     lower, upper = fit.bounds()
 

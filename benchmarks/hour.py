@@ -19,8 +19,7 @@ import time
 
 import numpy as np
 
-from hydro_twin.fitting.candidate import Candidate
-from hydro_twin.model import place
+from hydro_twin.model import Model, place
 from hydro_twin.plants.load_simulator import LOAD_SIMULATOR as PLANT
 from hydro_twin.recording.series import Series
 from hydro_twin.recording.signals import load_signals
@@ -34,8 +33,8 @@ def make_bag(path: Path, hours: float) -> None:
     u_m = sum(np.sin(2.0 * np.pi * f * t + f) for f in (1.03, 7.1, 9.07))
     theta_d = 0.02 * np.sin(2.0 * np.pi * 0.71 * t)
     values = {p.name: (p.lower * p.upper) ** 0.5 for p in PLANT.parameters}
-    rig = Candidate(PLANT, {**PLANT.constant_values(), **values}, PLANT.sample_time,
-                    (place('friction', 'motor', {'coulomb': 10.0}, PLANT),)).system
+    rig = Model(PLANT, {**PLANT.constant_values(), **values}, PLANT.sample_time,
+                (place('friction', 'motor', {'coulomb': 10.0}, PLANT),), substeps=2).system
     inputs = np.column_stack([u_m, theta_d])
     T_g = rig.run(inputs, rig.start(inputs[0], 0.0))
     T_g += 0.5 * np.random.default_rng(0).standard_normal(samples)

@@ -38,7 +38,7 @@ from hydro_twin.live.models import Choice, load_twin
 from hydro_twin.live.outlet import Outlet
 from hydro_twin.live.reader import Reader
 from hydro_twin.live.writer import Writer
-from hydro_twin.model import Estimate, FittedEffect, Model, place, write_model
+from hydro_twin.model import Model, place, Record, write_model
 from hydro_twin.plants import plant_named
 from hydro_twin.predictors.network import Network, save_network
 from hydro_twin.recording.signals import load_signals, SignalMap
@@ -67,9 +67,9 @@ def bare() -> None:
 
 def make_models(folder: Path) -> dict[str, Path]:
     """Write the models that are compared: linear, with two effects, hybrid 14-80-1."""
-    estimates = {p.name: Estimate((p.lower * p.upper)**0.5) for p in PLANT.parameters}
-    effects = (FittedEffect(place('friction', 'motor', {'coulomb': 10.0}, PLANT)),
-               FittedEffect(place('dead_zone', 'spool', {'centre': 0.0, 'width': 3e-6}, PLANT)))
+    values = PLANT.constant_values() | PLANT.middle()
+    effects = (place('friction', 'motor', {'coulomb': 10.0}, PLANT),
+               place('dead_zone', 'spool', {'centre': 0.0, 'width': 3e-6}, PLANT))
     rng = np.random.default_rng(0)
     save_network(Network(np.array([14, 80, 1]), rng.normal(0, 0.01, 15 * 80 + 81), np.zeros(14),
                          np.full(14, 30.0), 1.0, 1e4), folder / 'hybrid.safetensors')
@@ -78,8 +78,8 @@ def make_models(folder: Path) -> dict[str, Path]:
     for name, more in {'linear': {}, 'two effects': {'effects': effects},
                        'hybrid': {'kind': 'hybrid', 'network': 'hybrid.safetensors'}}.items():
         paths[name] = folder / f'{name.replace(" ", "_")}.yaml'
-        write_model(Model(PLANT, estimates, PLANT.constant_values(), 0.002, errors=promises,
-                          **more), paths[name])
+        write_model(Model(PLANT, values, 0.002, record=Record(errors=promises), **more),
+                    paths[name])
     return paths
 
 

@@ -15,7 +15,7 @@ import time
 
 import numpy as np
 
-from hydro_twin.model import Estimate, FittedEffect, Model, place
+from hydro_twin.model import Model, place
 from hydro_twin.plants import PLANTS
 from hydro_twin.predictors.analytical import Analytical
 from hydro_twin.recording.rig import read, rig_of
@@ -27,10 +27,8 @@ STEPS = 20000
 
 
 def model(*effects):
-    placed = tuple(FittedEffect(place(name, port, values, PLANT))
-                   for name, port, values in effects)
-    return Model(PLANT, {p.name: Estimate((p.lower * p.upper) ** 0.5) for p in PLANT.parameters},
-                 PLANT.constant_values(), PLANT.sample_time, effects=placed)
+    placed = tuple(place(name, port, values, PLANT) for name, port, values in effects)
+    return Model(PLANT, PLANT.constant_values() | PLANT.middle(), PLANT.sample_time, placed)
 
 
 MODELS = {

@@ -2,7 +2,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, TYPE_CHECKING
 
@@ -116,12 +116,12 @@ class Trace:
     @property
     def model(self) -> Model:
         """The model with all that was found."""
-        return replace(self.result.after, provenance=self.provenance)
+        return self.result.after.with_record(provenance=self.provenance)
 
     @property
     def before(self) -> Model:
         """The model without it."""
-        return replace(self.result.before, provenance=self.provenance)
+        return self.result.before.with_record(provenance=self.provenance)
 
     def summary(self) -> dict[str, Any]:
         """Return what report.json holds; errors in the output's unit."""

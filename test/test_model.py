@@ -8,15 +8,15 @@ import yaml
 from hydro_twin.errors import ModelError
 from hydro_twin.model import (
     document,
-    effect_at,
-    Estimate,
-    FittedEffect,
     Model,
     Noise,
     place,
     read_model,
+    Record,
+    Uncertainty,
     write_model,
 )
+from hydro_twin.model.placing import effect_at
 from hydro_twin.plants import PLANTS
 
 PLANT = PLANTS['load_simulator']
@@ -24,20 +24,19 @@ PLANT = PLANTS['load_simulator']
 
 @pytest.fixture
 def model():
-    estimates = {p.name: Estimate(math.sqrt(p.lower * p.upper), 1e-3 * p.lower)
-                 for p in PLANT.parameters}
-    estimates['V_m'] = Estimate(1.7e-4, None, False)
-    estimates['J'] = Estimate(0.05, None)
-    estimates['G'] = Estimate(1e4, identifiable=False, held=True)
-    effects = (
-        FittedEffect(place('friction', 'motor', {'coulomb': 11.2}, PLANT), {'coulomb': 0.1}),
-        FittedEffect(place('dead_zone', 'spool', {'width': 3e-6, 'centre': -1e-7}, PLANT)))
-    return Model(PLANT, estimates, {'D_m': 2.2e-5}, 0.002, effects=effects,
-                 timing={'u_m': -0.001}, substeps=8,
-                 noise=Noise(0.5, {'x_v': 0.0, 'omega_j': 0.1}, dict.fromkeys(PLANT.states, 0.2)),
-                 errors={'after': {'one_step': {'train': 0.5, 'test': 0.6},
-                                   'free_run': {'train': 0.7}}},
-                 provenance={'seed': 3, 'bags': [{'path': 'a bag', 'sha256': 'ab' * 32}]})
+    values = {'D_m': 2.2e-5} | PLANT.middle() | {'V_m': 1.7e-4, 'J': 0.05, 'G': 1e4}
+    uncertainty = {p.name: Uncertainty(std_error=1e-3 * p.lower) for p in PLANT.parameters} | {
+        'V_m': Uncertainty(identifiable=False), 'J': Uncertainty(),
+        'G': Uncertainty(identifiable=False, held=True), '0:coulomb': Uncertainty(std_error=0.1)}
+    effects = (place('friction', 'motor', {'coulomb': 11.2}, PLANT),
+               place('dead_zone', 'spool', {'width': 3e-6, 'centre': -1e-7}, PLANT))
+    return Model(
+        PLANT, values, 0.002, effects, {'u_m': -0.001}, substeps=8,
+        noise=Noise(0.5, {'x_v': 0.0, 'omega_j': 0.1}, dict.fromkeys(PLANT.states, 0.2)),
+        record=Record(uncertainty,
+                      {'after': {'one_step': {'train': 0.5, 'test': 0.6},
+                                 'free_run': {'train': 0.7}}},
+                      {'seed': 3, 'bags': [{'path': 'a bag', 'sha256': 'ab' * 32}]}))
 
 
 @pytest.fixture
@@ -51,10 +50,12 @@ def test_comes_back_as_it_was_written(model, tmp_path):
     back = read_model(path)
     assert document(back) == document(model)
     assert back.values == model.values
-    assert back.placed == model.placed
+    assert back.effects == model.effects
     assert back.parameters == model.parameters
     assert back.noise == model.noise
     assert [p.name for p in tmp_path.iterdir()] == ['model.yaml']
+    write_model(back, tmp_path / 'again.yaml')
+    assert (tmp_path / 'again.yaml').read_bytes() == path.read_bytes()
 
 
 def test_a_file_without_the_noise_of_the_observer_is_read(raw, tmp_path):
@@ -108,9 +109,9 @@ def test_file_is_for_people(model, tmp_path):
 
 
 def test_promises_the_error_on_data_it_did_not_fit(model):
-    assert model.promised('one_step') == 0.6
-    assert model.promised('free_run') == 0.7        # no test part: that of the training
-    assert Model(PLANT, {}, {}, 0.002).promised('one_step') is None
+    assert model.record.promised('one_step') == 0.6
+    assert model.record.promised('free_run') == 0.7        # no test part: that of the training
+    assert Record().promised('one_step') is None
 
 
 def test_the_physics_at_another_sample_time_is_integrated_as_finely(model):
@@ -118,7 +119,7 @@ def test_the_physics_at_another_sample_time_is_integrated_as_finely(model):
     assert (slow.sample_time, slow.substeps, slow.timing) == (0.05, 100, {'u_m': -0.002})
     fast = replace(model, timing={'u_m': -0.002}, substeps=4).at(0.0015)
     assert (fast.sample_time, fast.substeps, fast.timing) == (0.0015, 3, {'u_m': -0.0015})
-    assert (slow.values, slow.placed) == (model.values, model.placed)
+    assert (slow.values, slow.effects) == (model.values, model.effects)
     assert model.at(0.002 * (1 + 1e-9)) is model
 
 

@@ -1,6 +1,5 @@
 """The schemas against what is shipped and written, and against what the readers refuse."""
 import json
-import math
 from pathlib import Path
 
 from jsonschema import Draft202012Validator
@@ -10,7 +9,7 @@ import yaml
 
 from hydro_twin.commands.main import main
 from hydro_twin.errors import ModelError, UserError
-from hydro_twin.model import document, Estimate, FittedEffect, Model, Noise, place, read_model
+from hydro_twin.model import document, Model, Noise, place, read_model, Record, Uncertainty
 from hydro_twin.plants import PLANTS
 from hydro_twin.recording.signals import load_signals
 from hydro_twin.recording.table_map import load_map
@@ -29,17 +28,16 @@ FILES = sorted(CONFIG.rglob('*.yaml'))
 
 
 def model():
-    estimates = {p.name: Estimate(math.sqrt(p.lower * p.upper), 1e-3 * p.lower)
-                 for p in PLANT.parameters}
-    estimates |= {'V_m': Estimate(1.7e-4, None, False), 'J': Estimate(0.05, at_bound='upper'),
-                  'G': Estimate(1e4, identifiable=False, held=True)}
-    placed = place('friction', 'motor', {'coulomb': 11.2}, PLANT)
+    values = {'D_m': 2.2e-5} | PLANT.middle() | {'V_m': 1.7e-4, 'J': 0.05, 'G': 1e4}
+    uncertainty = {p.name: Uncertainty(std_error=1e-3 * p.lower) for p in PLANT.parameters} | {
+        'V_m': Uncertainty(identifiable=False), 'J': Uncertainty(at_bound='upper'),
+        'G': Uncertainty(identifiable=False, held=True), '0:coulomb': Uncertainty(std_error=0.1)}
     return document(Model(
-        PLANT, estimates, {'D_m': 2.2e-5}, 0.002, timing={'u_m': -0.001}, notes=('a note',),
-        effects=(FittedEffect(placed, {'coulomb': 0.1}),),
-        noise=Noise(0.5, {'x_v': 1e-6}, dict.fromkeys(PLANT.states, 0.2)),
-        errors={'after': {'one_step': {'train': 0.5, 'test': 0.6}}},
-        provenance={'seed': 3, 'bags': [{'path': 'a bag', 'sha256': 'ab' * 32}]}))
+        PLANT, values, 0.002, (place('friction', 'motor', {'coulomb': 11.2}, PLANT),),
+        {'u_m': -0.001}, noise=Noise(0.5, {'x_v': 1e-6}, dict.fromkeys(PLANT.states, 0.2)),
+        record=Record(uncertainty, {'after': {'one_step': {'train': 0.5, 'test': 0.6}}},
+                      {'seed': 3, 'bags': [{'path': 'a bag', 'sha256': 'ab' * 32}]},
+                      ('a note',))))
 
 
 def valid(raw, kind):
@@ -62,7 +60,7 @@ def test_the_schemas_are_schemas(kind):
 def test_models_written_by_hand_are_read(path):
     """Their unit may be 1, which YAML reads as a number."""
     assert valid(yaml.safe_load(path.read_text('utf-8')), 'model')
-    assert read_model(path).placed
+    assert read_model(path).effects
 
 
 @pytest.mark.parametrize('path', FILES, ids=lambda path: path.stem)

@@ -6,9 +6,10 @@ from dataclasses import replace
 import numpy as np
 
 from hydro_twin.effects.curve import curve, KNOTS
-from hydro_twin.fitting.candidate import Candidate, Part
+from hydro_twin.fitting.output_error import residuals
+from hydro_twin.fitting.parts import Part
 from hydro_twin.fitting.whiteness import is_white
-from hydro_twin.model import place
+from hydro_twin.model import Model, place
 from hydro_twin.plants import plant_named
 from hydro_twin.recording.series import Recording, Series
 from hydro_twin.residual.chain import Finding
@@ -38,8 +39,8 @@ SIZE = {'load_simulator': 2.0, 'valve_servo': 1.0, 'cylinder': 1.0, 'positioning
 def candidate(name, effects=()):
     plant = plant_named(name)
     values = {p.name: float(np.sqrt(p.lower * p.upper)) for p in plant.parameters}
-    return Candidate(plant, {**plant.constant_values(), **values}, plant.sample_time,
-                     tuple(place(*effect, plant) for effect in effects))
+    return Model(plant, {**plant.constant_values(), **values}, plant.sample_time,
+                 tuple(place(*effect, plant) for effect in effects), substeps=2)
 
 
 def parts(truth, seconds, noise, seed, source='a bag'):
@@ -95,8 +96,8 @@ def evidence(name, found=True, curve=False, seconds=0.6, source='a bag'):
         hidden=(Hidden('ripple', 'motor', 'turn it <slowly> & far'),),
         findings=tuple(Finding(k, 1.25e-30, 0.875, ((other, 43.25 + k),))
                        for k in range(len(effects))) if found else (),
-        improvement=improvement([before.candidate.residual(p) for p in test],
-                                [after.candidate.residual(p) for p in test], 0),
+        improvement=improvement(residuals(before.candidate, test),
+                                residuals(after.candidate, test), 0),
         held_out_error=after.error, floor=noise_floor(by_part(after)),
         white=is_white(by_part(after)),
         lines=() if found else (Line(50.25, 0.125),),

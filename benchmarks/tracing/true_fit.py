@@ -9,11 +9,12 @@ import numpy as np
 
 from benchmarks.tracing.draws import Built
 from benchmarks.tracing.rigs import BOX, Rig
-from benchmarks.tracing.signals import FloatArray
 from hydro_twin.effects import EFFECTS, Placed
-from hydro_twin.fitting.candidate import Candidate, parts_of
 from hydro_twin.fitting.free_run import Fit, Problem
+from hydro_twin.fitting.output_error import residuals
+from hydro_twin.fitting.parts import parts_of
 from hydro_twin.fitting.unknowns import effect_unknowns, plant_unknowns, timing_unknowns
+from hydro_twin.model import Model
 from hydro_twin.plants.load_simulator import LOAD_SIMULATOR
 from hydro_twin.predictors.scores import rms
 from hydro_twin.recording.series import Recording, split
@@ -46,15 +47,15 @@ _IN_LIBRARY: dict[str, tuple[str, Callable[[dict[str, Any]], dict[str, float]]]]
 }
 
 
-def true_structure(rig: Rig, substeps: int = 8) -> Candidate:
+def true_structure(rig: Rig, substeps: int = 8) -> Model:
     """Return the rig as the product would describe it; for 'none', 'single' and 'pair'."""
     sample_time = rig.recording().series[0].sample_time
     values = {name: getattr(rig.truth.laws, name) for name in (*BOX, 'D_m')}
-    timing = None
+    timing = {}
     if rig.truth.interpolation == 'linear':
         timing = {'u_m': -0.5 * sample_time}
     placed = tuple(_placed(built) for built in rig.truth.built)
-    return Candidate(LOAD_SIMULATOR, values, sample_time, placed, timing, substeps)
+    return Model(LOAD_SIMULATOR, values, sample_time, placed, timing, substeps)
 
 
 def true_fit(rig: Rig) -> Fit:
@@ -76,7 +77,7 @@ def shows_beside(whole: Fit, rig: Rig) -> dict[str, float]:
             for k, placed in enumerate(whole.candidate.effects)}
 
 
-def _fitted(start: Candidate, rig: Rig) -> Fit:
+def _fitted(start: Model, rig: Rig) -> Fit:
     unknowns = plant_unknowns(start.plant, 'physical')
     for i, placed in enumerate(start.effects):
         unknowns += effect_unknowns(i, placed)
@@ -86,11 +87,10 @@ def _fitted(start: Candidate, rig: Rig) -> Fit:
     return Problem(start, unknowns, parts_of(train, start.plant)).solve()
 
 
-def error(candidate: Candidate, recording: Recording) -> float:
+def error(candidate: Model, recording: Recording) -> float:
     """Return the free run's error over all series [N m]."""
     parts = parts_of(recording, candidate.plant)
-    residuals: list[FloatArray] = [candidate.residual(part) for part in parts]
-    return rms(np.concatenate(residuals))
+    return rms(np.concatenate(residuals(candidate, parts)))
 
 
 def _placed(built: Built) -> Placed:

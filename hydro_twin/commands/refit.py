@@ -22,7 +22,7 @@ from hydro_twin.progress import progress
 if TYPE_CHECKING:
     from rich.console import Console
 
-    from hydro_twin.model import FittedEffect
+    from hydro_twin.effects import Placed
     from hydro_twin.recording.rig import Rig
 
 
@@ -123,13 +123,13 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
     return {'model': str(args.output), **fitted.summary()}
 
 
-def _limit(curve: Path, rig: Rig) -> tuple[FittedEffect, ...]:
+def _limit(curve: Path, rig: Rig) -> tuple[Placed, ...]:
     """Take the end of the valve's travel from its flow characteristic."""
     from hydro_twin.model import Model
     from hydro_twin.valve.flow_characteristic import read_characteristic
     from hydro_twin.valve.limit import with_limit
 
-    bare = Model(rig.plant, {}, rig.constants, rig.plant.sample_time)
+    bare = Model(rig.plant, rig.constants, rig.plant.sample_time)
     return with_limit(bare, read_characteristic(curve)).effects
 
 

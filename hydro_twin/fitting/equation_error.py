@@ -11,9 +11,9 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 
 from hydro_twin.errors import DataError
-from hydro_twin.fitting.candidate import Part
 from hydro_twin.fitting.coefficients import coefficients_of
 from hydro_twin.fitting.one_step import least_squares
+from hydro_twin.fitting.parts import Part
 from hydro_twin.fitting.regression import regression
 from hydro_twin.plants import Plant
 from hydro_twin.recording.series import Series

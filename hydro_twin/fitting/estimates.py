@@ -10,7 +10,7 @@ from typing import Any
 from hydro_twin.fitting.free_run import Fit
 from hydro_twin.fitting.identifiability import Identifiability
 from hydro_twin.fitting.unknowns import get, label, Unknown
-from hydro_twin.model import Estimate, Model
+from hydro_twin.model import Estimate, Model, Record, Uncertainty
 
 
 def fitted_model(fit: Fit, known: Identifiability, errors: Mapping[str, Any]) -> Model:
@@ -19,22 +19,18 @@ def fitted_model(fit: Fit, known: Identifiability, errors: Mapping[str, Any]) ->
     Args:
         fit: a fit of all physical parameters.
         known: what the data determine of it.
-        errors: see `Model`.
+        errors: see `Record`.
     """
-    model, plant = fit.candidate.model(), fit.candidate.plant
-    spreads = {label(unknown): _std_error(fit, unknown, known.std_error.get(label(unknown)))
-               for unknown in fit.unknowns}
+    plant = fit.candidate.plant
+    spreads = dict.fromkeys(p.name for p in plant.parameters) | {
+        label(unknown): _std_error(fit, unknown, known.std_error.get(label(unknown)))
+        for unknown in fit.unknowns}
     for combination in plant.combinations:      # its members are not known by themselves
         spreads |= dict.fromkeys(combination)
-    return replace(
-        model,
-        parameters={name: replace(estimate, std_error=spreads.get(name),
-                                  identifiable=spreads.get(name) is not None)
-                    for name, estimate in model.parameters.items()},
-        effects=tuple(replace(effect, std_errors={p.name: spreads.get(f'{index}:{p.name}')
-                                                  for p in effect.placed.effect.parameters})
-                      for index, effect in enumerate(model.effects)),
-        errors=deepcopy(dict(errors)))          # what is shared would be an alias in the file
+    return replace(fit.candidate, record=Record(
+        {name: Uncertainty(std_error=spread, identifiable=spread is not None)
+         for name, spread in spreads.items()},
+        deepcopy(dict(errors))))                # what is shared would be an alias in the file
 
 
 def combination_estimates(fit: Fit, known: Identifiability) -> tuple[Estimate, ...]:
@@ -47,7 +43,8 @@ def _together(values: Mapping[str, float], combination: Mapping[str, int],
               known: Identifiability) -> Estimate:
     value = math.prod(values[name] ** power for name, power in combination.items())
     relative = known.std_error.get(next(iter(combination)))
-    return Estimate(value, None if relative is None else relative * value, relative is not None)
+    return Estimate(value, std_error=None if relative is None else relative * value,
+                    identifiable=relative is not None)
 
 
 def _std_error(fit: Fit, unknown: Unknown, spread: float | None) -> float | None:

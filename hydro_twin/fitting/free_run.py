@@ -11,9 +11,10 @@ import numpy as np
 from scipy.optimize import least_squares
 
 from hydro_twin.effects import Placed
-from hydro_twin.fitting.candidate import Candidate, Part
 from hydro_twin.fitting.identifiability import assess, Identifiability
+from hydro_twin.fitting.output_error import initial_states, residuals, usual_response
 from hydro_twin.fitting.parallel import in_processes
+from hydro_twin.fitting.parts import Part
 from hydro_twin.fitting.start import Eliminated, Start, without_start
 from hydro_twin.fitting.unknowns import (
     get,
@@ -24,6 +25,7 @@ from hydro_twin.fitting.unknowns import (
     Unknown,
     usual,
 )
+from hydro_twin.model import Model
 from hydro_twin.plants import Plant
 from hydro_twin.plants.plant import FloatArray
 from hydro_twin.predictors.scores import rms
@@ -36,6 +38,7 @@ INSIDE = 1e-9           # distance to a bound, relative
 REWEIGHTED = 2          # further searches with new weights; they settle after one, or hardly
 SAME_WEIGHT = 2.0       # ratio of two weights that give nearly the same start
 SMALL = 0.1             # of the residual: a start that takes off less hardly turns the slopes
+SUBSTEPS = 2            # steps in a sample of a search, which the last fits refine
 GIVEN = 4               # steps in a sample with given effects: no search refines them later
 CONVERGED = 'converged'
 
@@ -52,7 +55,7 @@ class Fit:
         pulled: what leaving the usual values costs, as a sum of squares.
     """
 
-    candidate: Candidate
+    candidate: Model
     unknowns: tuple[Unknown, ...]
     residual: FloatArray
     jacobian: FloatArray
@@ -122,7 +125,7 @@ class Problem:
     The states at the starts of the parts are unknowns, too, which are eliminated.
     """
 
-    def __init__(self, base: Candidate, unknowns: Sequence[Unknown], parts: Sequence[Part]
+    def __init__(self, base: Model, unknowns: Sequence[Unknown], parts: Sequence[Part]
                  ) -> None:
         self.base = base
         self.unknowns = tuple(unknowns)
@@ -155,12 +158,12 @@ class Problem:
             np.diag(self.wall * beyond), MIDDLE * np.eye(len(coordinates))])
         return slopes
 
-    def candidate(self, coordinates: FloatArray) -> Candidate:
+    def candidate(self, coordinates: FloatArray) -> Model:
         """Set the coordinates of the unknowns."""
         values = [u.value(float(c)) for u, c in zip(self.unknowns, coordinates, strict=True)]
         return put(self.base, self.unknowns, values)
 
-    def directions(self, candidate: Candidate, stage: System) -> tuple[Directions, list[int]]:
+    def directions(self, candidate: Model, stage: System) -> tuple[Directions, list[int]]:
         """Say how a run moves with the coordinates, and which of them each column is.
 
         Args:
@@ -206,7 +209,7 @@ class Problem:
         system, n = candidate.system, len(candidate.plant.states)
         by, order = self.directions(candidate, system)
         tangents = tangents_of(system, lambda stage: self.directions(candidate, stage)[0])
-        far = 1e3 * self.size
+        usual, far = usual_response(candidate), 1e3 * self.size
 
         def run_from(start: Start, part: Part, weight: float | None) -> Eliminated:
             y, slopes = run_with_slopes(system, by, tangents, part.inputs, start.x, start.z,
@@ -214,12 +217,12 @@ class Problem:
             others = np.empty((len(y), by.count))
             others[:, order] = slopes[:, :by.count]
             missed = np.clip(np.nan_to_num(part.measured - y, nan=far), -far, far)
-            return without_start(missed, slopes[:, by.count:], candidate.usual_response,
-                                 candidate.start_up, others, weight)
+            return without_start(missed, slopes[:, by.count:], usual, candidate.start_up,
+                                 others, weight)
 
         left = []
-        for part, weight in zip(self.parts, weights or repeat(None), strict=False):
-            start = candidate.start(part)
+        for part, start, weight in zip(self.parts, initial_states(candidate, self.parts),
+                                       weights or repeat(None), strict=False):
             run = run_from(start, part, weight)
             if run.taken > SMALL * rms(run.residual):
                 # The derivatives belong to a run from where elimination moves the start.
@@ -334,9 +337,8 @@ def fit_linear(plant: Plant, parts: Sequence[Part], constants: Mapping[str, floa
     if timing:
         unknowns += timing_unknowns(plant, sample_time)
     rng = np.random.default_rng(seed)
-    base = Candidate(plant, {**constants, **plant.middle()}, sample_time, effects)
-    if effects:
-        base = replace(base, substeps=GIVEN)
+    base = Model(plant, {**constants, **plant.middle()}, sample_time, effects,
+                 substeps=GIVEN if effects else SUBSTEPS)
     draws = [base] + [
         replace(base, values={**base.values, **{
             p.name: float(math.exp(rng.uniform(math.log(p.lower), math.log(p.upper))))
@@ -344,8 +346,8 @@ def fit_linear(plant: Plant, parts: Sequence[Part], constants: Mapping[str, floa
         for _ in range(24)]
     some = [min(parts, key=lambda part: len(part.measured))] if len(parts) > 6 else parts
 
-    def far(candidate: Candidate) -> float:
-        return rms(np.nan_to_num(np.concatenate([candidate.residual(p) for p in some]), nan=1e30))
+    def far(candidate: Model) -> float:
+        return rms(np.nan_to_num(np.concatenate(residuals(candidate, some)), nan=1e30))
 
     tried = [draws[0], *sorted(draws[1:], key=far)[:starts - 1]]
     fits = solve_all([Problem(candidate, unknowns, parts) for candidate in tried])

@@ -13,7 +13,8 @@ import math
 import numpy as np
 
 from hydro_twin.errors import DataError
-from hydro_twin.fitting.candidate import Candidate, least_samples, Part, parts_of
+from hydro_twin.fitting.output_error import fitted_residuals
+from hydro_twin.fitting.parts import least_samples, Part, parts_of
 from hydro_twin.model import Model
 from hydro_twin.plants import Plant
 from hydro_twin.plants.plant import FloatArray
@@ -84,15 +85,14 @@ def moving_windows(parts: Sequence[Part], plant: Plant, sample_time: float
     return horizon_windows(moving, plant, sample_time), 1.0 - kept
 
 
-def errors_over_horizon(candidate: Candidate, recording: Recording) -> list[FloatArray]:
+def errors_over_horizon(model: Model, recording: Recording) -> list[FloatArray]:
     """Return measured less predicted over each window, scored samples only.
 
     Raises:
         DataError: no series is long enough.
     """
-    parts = parts_of(recording, candidate.plant)
-    return candidate.fitted_residuals(
-        horizon_windows(parts, candidate.plant, candidate.sample_time))
+    parts = parts_of(recording, model.plant)
+    return fitted_residuals(model, horizon_windows(parts, model.plant, model.sample_time))
 
 
 def horizon_errors(model: Model, parts: Mapping[str, Recording]) -> dict[str, dict[str, float]]:
@@ -104,9 +104,8 @@ def horizon_errors(model: Model, parts: Mapping[str, Recording]) -> dict[str, di
     """
     if not (model.plant.integrates and kind_named(model.kind).analytical):
         return {}
-    candidate = Candidate.of(model)
     try:
-        return {'horizon': {name: rms(np.concatenate(errors_over_horizon(candidate, part)))
+        return {'horizon': {name: rms(np.concatenate(errors_over_horizon(model, part)))
                             for name, part in parts.items()}}
     except DataError:
         return {}

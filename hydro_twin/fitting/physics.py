@@ -1,23 +1,23 @@
 """Fit of the physical parameters of a plant: what a method is given, and what it returns."""
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, replace
 
 import numpy as np
 
 from hydro_twin.effects import Placed
 from hydro_twin.errors import UserError
-from hydro_twin.fitting.candidate import parts_of
 from hydro_twin.fitting.coefficients import coefficients_of
 from hydro_twin.fitting.free_run import fit_linear
 from hydro_twin.fitting.horizon import moving_windows
 from hydro_twin.fitting.identifiability import assess, Identifiability
 from hydro_twin.fitting.one_step import at_bound, Coefficients, least_squares, sensitivities
+from hydro_twin.fitting.parts import parts_of
 from hydro_twin.fitting.regression import Regression, regression
 from hydro_twin.fitting.search import SearchResult
 from hydro_twin.fitting.whiteness import is_white
-from hydro_twin.model import Estimate
+from hydro_twin.model import Uncertainty
 from hydro_twin.plants import Plant
 from hydro_twin.plants.plant import FloatArray, Parameter
 from hydro_twin.plugins import plugin_named, plugin_names
@@ -66,7 +66,8 @@ class Physics:
         notes: what must be said beside the values.
     """
 
-    estimates: Mapping[str, Estimate]
+    values: Mapping[str, float]
+    uncertainty: Mapping[str, Uncertainty]
     known: Identifiability | None
     notes: tuple[str, ...] = ()
 
@@ -173,30 +174,32 @@ LEAST_SQUARES = Method('least_squares', _fit_least_squares, CRITERIA)
 def _physics(task: Task, free: Plant, values: Mapping[str, float], known: Identifiability,
              biased: bool) -> Physics:
     """Say of values what is known of them."""
-    estimates = {p.name: _estimate(p, values[p.name], known, biased) for p in free.parameters}
-    notes = [f'{p.name} ended at the {estimates[p.name].at_bound} bound of its search, '
-             f'{estimates[p.name].value:g} {p.unit}: not an estimate, and what is said of the '
+    uncertainty = {p.name: _uncertainty(p, values[p.name], known, biased)
+                   for p in free.parameters} | as_known(task.held)
+    notes = [f'{p.name} ended at the {uncertainty[p.name].at_bound} bound of its search, '
+             f'{values[p.name]:g} {p.unit}: not an estimate, and what is said of the '
              f'others holds for this value' for p in free.parameters
-             if estimates[p.name].at_bound]
+             if uncertainty[p.name].at_bound]
     if biased:
         known = replace(known, combinations=dict.fromkeys(known.combinations))
         notes.append(BIASED)
-    estimates |= held_estimates(task.held)
-    return Physics({p.name: estimates[p.name] for p in task.plant.parameters}, known,
+    every = {**values, **task.held}
+    return Physics({p.name: every[p.name] for p in task.plant.parameters}, uncertainty, known,
                    tuple(notes))
 
 
-def held_estimates(held: Mapping[str, float]) -> dict[str, Estimate]:
+def as_known(names: Iterable[str]) -> dict[str, Uncertainty]:
     """Say of parameters that they were taken as known."""
-    return {name: Estimate(value, identifiable=False, held=True) for name, value in held.items()}
+    return {name: Uncertainty(identifiable=False, held=True) for name in names}
 
 
-def _estimate(p: Parameter, value: float, known: Identifiability, biased: bool) -> Estimate:
+def _uncertainty(p: Parameter, value: float, known: Identifiability, biased: bool
+                 ) -> Uncertainty:
     """Say what is known of a parameter; no standard error where the fit is biased."""
     relative = known.std_error[p.name]
     edge = ''
     if p.name in known.at_bound:
         edge = 'lower' if value * value < p.lower * p.upper else 'upper'
-    return Estimate(float(value),
-                    None if relative is None or biased else float(value * relative),
-                    relative is not None, edge)
+    return Uncertainty(
+        std_error=None if relative is None or biased else float(value * relative),
+        identifiable=relative is not None, at_bound=edge)

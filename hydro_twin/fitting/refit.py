@@ -6,6 +6,7 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
+from hydro_twin.effects import Placed
 from hydro_twin.errors import UserError
 from hydro_twin.files import write_whole
 from hydro_twin.fitting.horizon import horizon_errors
@@ -15,7 +16,7 @@ from hydro_twin.fitting.network_search import DECAYS, search, STRUCTURES
 from hydro_twin.fitting.noise import estimate_noise
 from hydro_twin.fitting.physics import fit_physics, method_named, Physics, Task
 from hydro_twin.fitting.regression import regression
-from hydro_twin.model import FittedEffect, Model, write_model
+from hydro_twin.model import Model, Record, write_model
 from hydro_twin.plants import Plant
 from hydro_twin.predictors import Kind, kind_named, kinds, make_predictor, Predictor
 from hydro_twin.predictors.analytical import Analytical
@@ -52,7 +53,7 @@ class Request:
     method: str = 'least_squares'
     criterion: str | None = None
     held: Mapping[str, float] = field(default_factory=dict)
-    effects: tuple[FittedEffect, ...] = ()
+    effects: tuple[Placed, ...] = ()
     base: Model | None = None
     hidden: tuple[int, ...] | None = None
     decay: float | None = None
@@ -157,7 +158,7 @@ class Refit:
             'hidden': list(self.settings.hidden) if self.settings else [],
             'decay': self.settings.decay if self.settings else None,
             'at_bound': [name for name, e in model.parameters.items() if e.at_bound],
-            'notes': list(model.notes),
+            'notes': list(model.record.notes),
             'combinations': dict(self.known.combinations) if self.known else {},
             **{part: {mode: parts[part] for mode, parts in errors.items()}
                for part in ('train', 'test')},
@@ -187,17 +188,19 @@ def refit(train: Recording, test: Recording, plant: Plant, constants: Mapping[st
     plant.holding(request.held)
     kind, known = request.kind, None
     bounds = bounds_of(train, test, plant)
-    model = Model(plant, {}, constants, train.sample_time, kind.name, effects=request.effects,
-                  provenance=provenance)
+    model = Model(plant, constants, train.sample_time, request.effects, kind=kind.name,
+                  record=Record(provenance=provenance))
     if request.base is not None:
         physics = replace(request.base, kind='analytical', network=None).at(model.sample_time)
-        model = replace(physics, kind=kind.name, noise=None, provenance=model.provenance)
+        model = replace(physics, kind=kind.name, noise=None).with_record(provenance=provenance)
     elif kind.physics:
         with show('fitting the physics', None):
             found, criterion = _physics(train, model, request)
         known = found.known
-        model = replace(model, parameters=found.estimates, notes=found.notes, provenance={
-            **model.provenance, 'method': request.method, 'criterion': criterion})
+        model = replace(
+            model, values={**constants, **found.values}, record=Record(
+                found.uncertainty, notes=found.notes, provenance={
+                    **provenance, 'method': request.method, 'criterion': criterion}))
     settings, fitted = None, None
     if kind.network:
         settings, fitted = _network(train, model, request, kind.network, show)
@@ -210,7 +213,7 @@ def refit(train: Recording, test: Recording, plant: Plant, constants: Mapping[st
     predictor = fitted.predictor if fitted else make_predictor(model, Path())
     parts = {'train': train, 'test': test}
     errors = errors_of(predictor, parts) | horizon_errors(model, parts)
-    return Refit(replace(model, errors={'after': errors}), predictor,
+    return Refit(model.with_record(errors={'after': errors}), predictor,
                  fitted.weights if fitted else None, known, settings, bounds)
 
 
@@ -226,7 +229,7 @@ def _physics(train: Recording, model: Model, request: Request) -> tuple[Physics,
         'free_run' if request.kind.analytical and request.method == 'least_squares'
         else 'one_step')
     return fit_physics(Task(train, model.plant, model.constants, criterion, request.seed,
-                            request.held, model.placed), request.method), criterion
+                            request.held, model.effects), request.method), criterion
 
 
 def _network(train: Recording, model: Model, request: Request, settings: Settings,

@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 import math
 
 from hydro_twin.effects import Placed
-from hydro_twin.fitting.candidate import Candidate
+from hydro_twin.model import Model
 from hydro_twin.plants import Plant
 
 
@@ -41,19 +41,19 @@ def label(unknown: Unknown) -> str:
     return unknown.name if unknown.owner == '' else f'{unknown.owner}:{unknown.name}'
 
 
-def get(candidate: Candidate, unknown: Unknown) -> float:
+def get(candidate: Model, unknown: Unknown) -> float:
     """Read the value of an unknown."""
     if unknown.owner == '':
         return candidate.values[unknown.name]
     if unknown.owner == 'timing':
-        return (candidate.timing or {}).get(unknown.name, 0.0)
+        return candidate.timing.get(unknown.name, 0.0)
     return candidate.effects[int(unknown.owner)].named[unknown.name]
 
 
-def put(candidate: Candidate, unknowns: Sequence[Unknown], values: Sequence[float]) -> Candidate:
+def put(candidate: Model, unknowns: Sequence[Unknown], values: Sequence[float]) -> Model:
     """Set the values of unknowns in a new candidate."""
     plain = dict(candidate.values)
-    timing = dict(candidate.timing or {})
+    timing = dict(candidate.timing)
     effects = [dict(placed.named) for placed in candidate.effects]
     for unknown, value in zip(unknowns, values, strict=True):
         if unknown.owner == '':
@@ -63,7 +63,7 @@ def put(candidate: Candidate, unknowns: Sequence[Unknown], values: Sequence[floa
         else:
             effects[int(unknown.owner)][unknown.name] = value
     return replace(
-        candidate, values=plain, timing=timing or candidate.timing,
+        candidate, values=plain, timing=timing,
         effects=tuple(replace(placed, values=tuple(named.values()))
                       for placed, named in zip(candidate.effects, effects, strict=True)))
 

@@ -42,7 +42,7 @@ class Twin:
         self.predictions = 0
         self.divergences = 0
         self.residual = math.nan
-        self.promised = predictor.model.promised(mode)
+        self.promised = predictor.model.record.promised(mode)
         self._unscored = unscored(predictor.plant, predictor.sample_time, mode)
         self._limit = ABSURD * predictor.plant.output_scale
         self.start_over()

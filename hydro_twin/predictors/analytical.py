@@ -39,8 +39,7 @@ class Analytical:
         self.model = model
         self.plant: Plant = model.plant
         self.sample_time = model.sample_time
-        self.system = assemble(model.plant, model.values, model.placed, model.sample_time,
-                               model.substeps, model.timing)
+        self.system = model.system
         shifted = bool(np.any(self.system.step.shift))
         self.linear = (assemble(model.plant, model.values, (), model.sample_time)
                        if len(self.system.step.effects) or shifted or self.system.earlier

@@ -109,6 +109,13 @@ class System:
         x: FloatArray = origin + linear * per_output
         return x
 
+    def free_response(self, samples: int) -> FloatArray:
+        """How the output moves with the state at the start, linear laws, (samples, n)."""
+        response, step = self.laws.C[:1], expm(self.laws.A * self.step.sample_time)
+        while len(response) < samples:
+            response, step = np.vstack([response, response @ step]), step @ step
+        return response[:samples]
+
     def run(self, inputs: FloatArray, x: FloatArray, z: FloatArray | None = None,
             seen: FloatArray | None = None, start: int | None = None) -> FloatArray:
         """Run freely from state x over inputs (N, m); returns the output (N,).

@@ -226,8 +226,8 @@ def _found(found: FoundCurve, estimates: dict[str, Any]) -> dict[str, Any]:
 
 def effect_estimates(model: Model) -> list[dict[str, Any]]:
     """Give every effect's parameters with unit and standard error, refinements in use only."""
-    return [{name: {**value, 'std_error': effect.std_errors.get(name)}
-             for name, value in _values(effect.placed).items()} for effect in model.effects]
+    return [{name: {**value, 'std_error': model.record.std_error(k, name)}
+             for name, value in _values(placed).items()} for k, placed in enumerate(model.effects)]
 
 
 def parameters(model: Model) -> dict[str, Any]:

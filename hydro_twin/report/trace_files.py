@@ -2,7 +2,6 @@
 from __future__ import annotations
 
 import csv
-from dataclasses import replace
 import json
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -47,9 +46,10 @@ def write_files(result: TraceResult, folder: Path, provenance: dict[str, Any]) -
             write_series(result, new / 'series.csv')
             for illustration in drawn:
                 write_png(illustration, new / FIGURES / f'{illustration.name}.png')
-            write_model(replace(result.after, provenance=provenance), new / 'model.yaml')
+            write_model(result.after.with_record(provenance=provenance), new / 'model.yaml')
             if result.changed:
-                write_model(replace(result.before, provenance=provenance), new / 'before.yaml')
+                write_model(result.before.with_record(provenance=provenance),
+                            new / 'before.yaml')
             else:
                 (folder / 'before.yaml').unlink(missing_ok=True)
             if (folder / FIGURES).exists():         # those of another trace must not stay

@@ -8,8 +8,10 @@ from itertools import islice
 import numpy as np
 
 from hydro_twin.effects import Effect, Placed
-from hydro_twin.fitting.candidate import Candidate, Part
 from hydro_twin.fitting.free_run import Fit
+from hydro_twin.fitting.output_error import initial_states
+from hydro_twin.fitting.parts import Part
+from hydro_twin.model import Model
 from hydro_twin.predictors.scores import rms
 from hydro_twin.residual.noise import noise_floor
 from hydro_twin.residual.proof import improvement, proof, residuals
@@ -134,7 +136,7 @@ class Context:
         return best
 
 
-def _effects_of(candidate: Candidate) -> frozenset[str]:
+def _effects_of(candidate: Model) -> frozenset[str]:
     """Name the effects of a candidate with their ports, in whatever order."""
     return frozenset(map(_name, candidate.effects))
 
@@ -358,8 +360,8 @@ def finely(fit: Fit, parts: Sequence[Part], finest: int) -> Fit:
     candidate = fit.candidate
     while candidate.substeps < finest:
         finer = replace(candidate, substeps=2 * candidate.substeps)
-        starts = [(part.inputs, start.x, start.z, None, part.start) for part in parts
-                  for start in [candidate.start(part)]]
+        starts = [(part.inputs, start.x, start.z, None, part.start) for part, start in
+                  zip(parts, initial_states(candidate, parts), strict=True)]
         change = rms(np.concatenate([finer.system.run(*start) - candidate.system.run(*start)
                                      for start in starts]))
         if change < FINE * fit.error:

@@ -8,8 +8,9 @@ import numpy as np
 
 from hydro_twin.effects import Placed
 from hydro_twin.effects.curve import curve, KNOTS, values
-from hydro_twin.fitting.candidate import Candidate, Part
 from hydro_twin.fitting.free_run import Fit
+from hydro_twin.fitting.parts import Part
+from hydro_twin.model import Model
 from hydro_twin.plants import Port
 from hydro_twin.predictors.system import signal_row
 from hydro_twin.residual.passing import passing
@@ -74,7 +75,7 @@ def find_curve(fit: Fit, parts: Sequence[Part], held_out: Sequence[Part],
     places = distinct(curves)[:MOST]
     carried = spans(fit.candidate, parts)
 
-    def begin(candidate: Candidate, place: Dependence) -> Candidate:
+    def begin(candidate: Model, place: Dependence) -> Model:
         return _begin(candidate, place, parts, LARGEST * carried[place.port].value)
 
     short = search_all([begin(fit.candidate, place) for place in places], parts, SHORT)
@@ -187,8 +188,8 @@ def distinct(curves: Sequence[Dependence]) -> list[Dependence]:
     return sorted(kept, key=lambda d: -d.share)
 
 
-def _begin(candidate: Candidate, dependence: Dependence, parts: Sequence[Part], limit: float
-           ) -> Candidate:
+def _begin(candidate: Model, dependence: Dependence, parts: Sequence[Part], limit: float
+           ) -> Model:
     """Add the curve of a dependence, as strong as helps at once; `limit` bounds its values."""
     low, high = dependence.knots[[0, -1]]
     tried = [replace(candidate, effects=(*candidate.effects, curve(
@@ -197,7 +198,7 @@ def _begin(candidate: Candidate, dependence: Dependence, parts: Sequence[Part], 
     return min(tried, key=lambda c: free_run_error(c, parts))
 
 
-def _spread(candidate: Candidate, parts: Sequence[Part]) -> Candidate:
+def _spread(candidate: Model, parts: Sequence[Part]) -> Model:
     """Put the knots of the curve over what its signal reached in the recording."""
     *others, placed = candidate.effects
     low, high = reached(candidate, parts)
@@ -209,7 +210,7 @@ def _spread(candidate: Candidate, parts: Sequence[Part]) -> Candidate:
     return replace(candidate, effects=(*others, again))
 
 
-def reached(candidate: Candidate, parts: Sequence[Part]) -> tuple[float, float]:
+def reached(candidate: Model, parts: Sequence[Part]) -> tuple[float, float]:
     """Say what the signal of the curve, the last effect, reached in the recording.
 
     The range that both the run with the curve and the run without it, from rest, reach: a curve,

@@ -46,7 +46,7 @@ def result_of(found: Evidence) -> TraceResult:
                  'after': before if found.final is found.before else
                  _predictions(found.final, series)}
     errors = {when: _errors(found, predicted[when])
-              | horizon_errors(fit.candidate.model(), found.recordings)
+              | horizon_errors(fit.candidate, found.recordings)
               for when, fit in fits.items()}
     known = {when: fit.identifiability() for when, fit in fits.items()}
     models = {when: fitted_model(fit, known[when],
@@ -73,7 +73,7 @@ def result_of(found: Evidence) -> TraceResult:
 
 
 def _predictions(fit: Fit, series: Sequence[Series]) -> Predictions:
-    predictor = Analytical(fit.candidate.model())
+    predictor = Analytical(fit.candidate)
     return {mode: predict(predictor, series, mode) for mode in MODES}
 
 
@@ -84,8 +84,8 @@ def _observed(model: Model, found: Evidence) -> Model:
         return model
     model = replace(model, noise=noise)
     errors = errors_in(Analytical(model), found.recordings, OBSERVER)
-    return replace(model, errors={**model.errors,
-                                  'after': {**model.errors['after'], OBSERVER: errors}})
+    return model.with_record(errors={
+        **model.errors, 'after': {**model.errors['after'], OBSERVER: errors}})
 
 
 def _missed(found: Evidence, predicted: Predictions, mode: str) -> dict[str, list[FloatArray]]:

@@ -4,8 +4,8 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
-from hydro_twin.fitting.candidate import Part
 from hydro_twin.fitting.free_run import Fit
+from hydro_twin.fitting.parts import Part
 from hydro_twin.plants import Plant
 from hydro_twin.recording.series import Recording
 from hydro_twin.residual.chain import Finding, HELD_OUT

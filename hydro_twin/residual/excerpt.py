@@ -13,9 +13,11 @@ import math
 
 import numpy as np
 
-from hydro_twin.fitting.candidate import Candidate, least_samples, Part
 from hydro_twin.fitting.free_run import Fit
 from hydro_twin.fitting.horizon import horizon_windows, windows
+from hydro_twin.fitting.output_error import initial_states
+from hydro_twin.fitting.parts import least_samples, Part
+from hydro_twin.model import Model
 from hydro_twin.plants import Plant
 from hydro_twin.predictors.scores import rms
 
@@ -78,12 +80,12 @@ def thin(parts: Sequence[Part], plant: Plant, factor: int) -> list[Part]:
     return thinned
 
 
-def resampled(candidate: Candidate, sample_time: float) -> Candidate:
+def resampled(candidate: Model, sample_time: float) -> Model:
     """Let a candidate run with another sample time [s], its steps at most as long as before."""
     substeps = candidate.substeps
     if sample_time < candidate.sample_time:
         substeps = math.ceil(substeps * sample_time / candidate.sample_time - 1e-9)
-    timing = {name: max(late, -sample_time) for name, late in (candidate.timing or {}).items()}
+    timing = {name: max(late, -sample_time) for name, late in candidate.timing.items()}
     return replace(candidate, sample_time=sample_time, substeps=substeps, timing=timing)
 
 
@@ -101,10 +103,11 @@ def harmless_factor(fit: Fit, parts: Sequence[Part], recorded: int) -> int:
     while factor < COARSEST and factor * ENOUGH < recorded:
         coarse = resampled(candidate, 2 * factor * candidate.sample_time)
         changes = []
-        for part, thinned in zip(parts, thin(parts, candidate.plant, 2 * factor), strict=True):
-            x = candidate.start(part).x
-            there = coarse.system.run(thinned.inputs, x)
-            changes.append(candidate.system.run(part.inputs, x)[::2 * factor][:len(there)] - there)
+        for part, start, thinned in zip(parts, initial_states(candidate, parts),
+                                        thin(parts, candidate.plant, 2 * factor), strict=True):
+            there = coarse.system.run(thinned.inputs, start.x)
+            changes.append(candidate.system.run(part.inputs, start.x)[::2 * factor][:len(there)]
+                           - there)
         if not rms(np.concatenate(changes)) < HARMLESS * fit.error:
             break
         factor *= 2

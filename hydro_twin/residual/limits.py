@@ -6,8 +6,9 @@ from dataclasses import replace
 
 import numpy as np
 
-from hydro_twin.fitting.candidate import Part
 from hydro_twin.fitting.free_run import Fit
+from hydro_twin.fitting.output_error import free_run
+from hydro_twin.fitting.parts import Part
 from hydro_twin.fitting.unknowns import label, put, Unknown
 from hydro_twin.predictors.scores import rms
 
@@ -30,7 +31,7 @@ def without_unreached(fit: Fit, parts: Sequence[Part]) -> Fit:
                 continue
             limit = Unknown(p.name, str(index), p.lower, p.upper, p.log)
             freed = put(fit.candidate, [limit], [p.unreached])
-            changes = [freed.run(part) - fit.candidate.run(part) for part in parts]
+            changes = [free_run(freed, part) - free_run(fit.candidate, part) for part in parts]
             if rms(np.concatenate(changes)) <= UNREACHED * fit.error:
                 kept = [label(unknown) != label(limit) for unknown in fit.unknowns]
                 fit = replace(

@@ -6,7 +6,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from hydro_twin.effects import Placed
-from hydro_twin.fitting.candidate import Candidate, Part
+from hydro_twin.fitting.output_error import initial_states
+from hydro_twin.fitting.parts import Part
+from hydro_twin.model import Model
 from hydro_twin.plants.plant import FloatArray
 from hydro_twin.predictors import kernel
 
@@ -26,14 +28,15 @@ class Passing:
     left: FloatArray
 
 
-def passing(candidate: Candidate, placed: Placed, part: Part) -> Passing:
+def passing(candidate: Model, placed: Placed, part: Part) -> Passing:
     """Run over a part and watch one effect; explicit ones on the same port count together."""
     s = candidate.system
     ordered = sorted((p for p in candidate.effects if p.effect.law is not None),
                      key=lambda p: candidate.plant.ports.index(p.port))
     e, port = ordered.index(placed), candidate.plant.ports.index(placed.port)
     m = len(s.step.shift)
-    start, work, period = candidate.start(part), s.work(), round(1e9 * candidate.sample_time)
+    (start,), work = initial_states(candidate, [part]), s.work()
+    period = round(1e9 * candidate.sample_time)
     x, z = start.x.copy(), start.z.copy()
     u, d = work[1, :m], work[5, :len(candidate.plant.ports)]
     seen = np.empty((len(part.inputs), len(s.step.H)))

@@ -5,8 +5,9 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from hydro_twin.fitting.candidate import Part
 from hydro_twin.fitting.free_run import Fit
+from hydro_twin.fitting.output_error import fitted_residuals
+from hydro_twin.fitting.parts import Part
 from hydro_twin.plants.plant import FloatArray
 from hydro_twin.predictors.kernel import LIMIT
 from hydro_twin.result import Improvement
@@ -47,7 +48,7 @@ def residuals(fit: Fit, held_out: Sequence[Part]) -> list[FloatArray]:
     Where a plant integrates, the error of a start that 50 samples show may be most of what is
     missed later. It says nothing of the laws.
     """
-    return fit.candidate.fitted_residuals(held_out)
+    return fitted_residuals(fit.candidate, held_out)
 
 
 def proof(before: Fit, after: Fit, held_out: Sequence[Part], seed: int) -> Improvement:

@@ -14,10 +14,12 @@ import math
 import numpy as np
 
 from hydro_twin.effects import Effect, EFFECTS, Placed, sites, Span
-from hydro_twin.fitting.candidate import Candidate, Part
 from hydro_twin.fitting.free_run import Fit
+from hydro_twin.fitting.output_error import free_run, initial_states, residuals_from
 from hydro_twin.fitting.parallel import in_processes
+from hydro_twin.fitting.parts import Part
 from hydro_twin.fitting.unknowns import left_alone
+from hydro_twin.model import Model
 from hydro_twin.plants import Plant, Port
 from hydro_twin.plants.plant import FloatArray
 from hydro_twin.result import Hidden
@@ -39,7 +41,7 @@ class Prospect:
     gain: float
 
 
-def spans(candidate: Candidate, parts: Sequence[Part]) -> dict[Port, Span]:
+def spans(candidate: Model, parts: Sequence[Part]) -> dict[Port, Span]:
     """Find the range of each port and signal when the candidate runs over the parts.
 
     From the first scored sample on: a state that the first samples hardly determine may start
@@ -50,7 +52,7 @@ def spans(candidate: Candidate, parts: Sequence[Part]) -> dict[Port, Span]:
     low, high = np.full(rows, np.inf), np.full(rows, -np.inf)
     for part in parts:
         seen = np.zeros((len(part.inputs), rows))
-        candidate.run(part, seen)
+        free_run(candidate, part, seen)
         seen = np.nan_to_num(seen[candidate.start_up:])
         low, high = np.minimum(low, seen.min(axis=0)), np.maximum(high, seen.max(axis=0))
     largest = np.maximum(np.maximum(abs(low), abs(high)), 1e-12)
@@ -140,23 +142,23 @@ def _untuned(output: FloatArray, basis: FloatArray) -> FloatArray:
 class _Without:
     """A model before an effect is added: its states at the starts, and what it misses, (N,)."""
 
-    candidate: Candidate
+    candidate: Model
     states: list[FloatArray]
     residual: FloatArray
 
 
 def _without(fit: Fit, parts: Sequence[Part]) -> _Without:
     """Run a fitted model as `_response` runs it with an effect."""
-    states = [fit.candidate.start(part).x for part in parts]
+    states = [start.x for start in initial_states(fit.candidate, parts)]
     return _Without(fit.candidate, states,
-                    np.concatenate(fit.candidate.residuals_from(parts, states)))
+                    np.concatenate(residuals_from(fit.candidate, parts, states)))
 
 
 def _response(without: _Without, parts: Sequence[Part], basis: FloatArray, placed: Placed
               ) -> FloatArray:
     """Return how an effect would move the output, beyond what re-tuning could do, (N,)."""
     candidate = replace(without.candidate, effects=(*without.candidate.effects, placed))
-    left = np.concatenate(candidate.residuals_from(parts, without.states))
+    left = np.concatenate(residuals_from(candidate, parts, without.states))
     return _untuned(without.residual - left, basis)
 
 

@@ -16,11 +16,12 @@ import numpy as np
 from scipy import stats
 
 from hydro_twin.effects import Placed
-from hydro_twin.fitting.candidate import Candidate, Part
 from hydro_twin.fitting.equation_error import one_step_values
 from hydro_twin.fitting.free_run import Fit, Problem, solve_all
 from hydro_twin.fitting.horizon import between_ends
+from hydro_twin.fitting.output_error import initial_states, residuals, residuals_from
 from hydro_twin.fitting.parallel import in_processes
+from hydro_twin.fitting.parts import Part
 from hydro_twin.fitting.unknowns import (
     effect_unknowns,
     plant_unknowns,
@@ -29,7 +30,7 @@ from hydro_twin.fitting.unknowns import (
     usual,
 )
 from hydro_twin.fitting.whiteness import is_white
-from hydro_twin.model import place
+from hydro_twin.model import Model, place
 from hydro_twin.plants.plant import FloatArray
 from hydro_twin.predictors.scores import rms
 from hydro_twin.residual.noise import autoregression, whiten
@@ -68,7 +69,7 @@ def by_part(fit: Fit) -> list[FloatArray]:
     return np.split(fit.residual, np.cumsum(fit.lengths)[:-1])
 
 
-def search(candidate: Candidate, parts: Sequence[Part], evaluations: int) -> Fit:
+def search(candidate: Model, parts: Sequence[Part], evaluations: int) -> Fit:
     """Fit all physical parameters, timing and effects of a candidate from its present values.
 
     Effects beside which a free curve was added are held, since the curve can imitate them.
@@ -76,18 +77,18 @@ def search(candidate: Candidate, parts: Sequence[Part], evaluations: int) -> Fit
     return next(search_all([candidate], parts, evaluations))
 
 
-def search_all(candidates: Sequence[Candidate], parts: Sequence[Part], evaluations: int
+def search_all(candidates: Sequence[Model], parts: Sequence[Part], evaluations: int
                ) -> Iterator[Fit]:
     """Fit several, on all cores, and yield the fits in their order."""
     return solve_all(_problems(candidates, parts), evaluations, 1e-5)
 
 
-def _problems(candidates: Sequence[Candidate], parts: Sequence[Part]) -> list[Problem]:
+def _problems(candidates: Sequence[Model], parts: Sequence[Part]) -> list[Problem]:
     """Set up the fit of each candidate."""
     return [Problem(candidate, _searched(candidate), parts) for candidate in candidates]
 
 
-def _searched(candidate: Candidate) -> list[Unknown]:
+def _searched(candidate: Model) -> list[Unknown]:
     """List the unknowns of a candidate."""
     plant = candidate.plant
     delayed = any(placed.effect.shifts for placed in candidate.effects)
@@ -137,7 +138,7 @@ def likelihood_gain(before: Sequence[FloatArray], after: Sequence[FloatArray]) -
 def fit_alternatives(base: Fit, parts: Sequence[Part], times: tuple[float, float], most: int,
                      afresh: bool,
                      progress: Callable[[str], None] = lambda _: None,
-                     known: Sequence[Candidate] = ()) -> list[Alternative]:
+                     known: Sequence[Model] = ()) -> list[Alternative]:
     """Fit a base with one effect more, for each effect and port; best first.
 
     A low score does not rule an effect out: the parameters may imitate it at the base's values,
@@ -169,7 +170,7 @@ def fit_alternatives(base: Fit, parts: Sequence[Part], times: tuple[float, float
     return finish(base, race([*plain, *near], parts, progress), parts)
 
 
-def race(candidates: Sequence[Candidate], parts: Sequence[Part],
+def race(candidates: Sequence[Model], parts: Sequence[Part],
          progress: Callable[[str], None]) -> list[Fit]:
     """Search from every candidate for a few evaluations, then on from the leading ones.
 
@@ -196,13 +197,13 @@ def nothing_shows(base: Fit, prospects: Sequence[Prospect]) -> bool:
     return most * len(base.residual) < PROMISING and is_white(by_part(base))
 
 
-def with_effect(candidate: Candidate, placed: Placed) -> Candidate:
+def with_effect(candidate: Model, placed: Placed) -> Model:
     """Add an effect; a delay takes the place of the timing."""
     return replace(candidate, effects=(*candidate.effects, placed),
                    timing={} if placed.effect.shifts else candidate.timing)
 
 
-def linear_starts(candidate: Candidate, parts: Sequence[Part]) -> list[Candidate]:
+def linear_starts(candidate: Model, parts: Sequence[Part]) -> list[Model]:
     """List linear models to start from: the middle of the box, and fits by the one-step error.
 
     The missing effect may bias the fit of the free run so much that no search leads back. Where
@@ -219,7 +220,7 @@ def linear_starts(candidate: Candidate, parts: Sequence[Part]) -> list[Candidate
 
 
 def drift_starts(base: Fit, parts: Sequence[Part], times: tuple[float, float]
-                 ) -> list[Candidate]:
+                 ) -> list[Model]:
     """Let each parameter drift at the rate that the residual says, if it says that any does."""
     if not drifts(drift(base, parts)):
         return []
@@ -230,7 +231,7 @@ def drift_starts(base: Fit, parts: Sequence[Part], times: tuple[float, float]
             if effect.course is not None and rates.get(port.name)]
 
 
-def with_each(linear: Candidate, parts: Sequence[Part]) -> list[Candidate]:
+def with_each(linear: Model, parts: Sequence[Part]) -> list[Model]:
     """Add each effect at each port to a model, from each of its starts."""
     reach = spans(linear, parts)
     return [with_effect(linear, Placed(effect, port, tuple(values)))
@@ -238,12 +239,12 @@ def with_each(linear: Candidate, parts: Sequence[Part]) -> list[Candidate]:
             for values in effect.starts(reach[port])]
 
 
-def nearest(models: Sequence[Candidate], parts: Sequence[Part]) -> list[Candidate]:
+def nearest(models: Sequence[Model], parts: Sequence[Part]) -> list[Model]:
     """Add each effect at each port to the model, and from the start, of the lowest error."""
-    best: dict[tuple[str, str], tuple[float, Candidate]] = {}
+    best: dict[tuple[str, str], tuple[float, Model]] = {}
     for model in models:
         tried = with_each(model, parts)
-        states = [model.start(part).x for part in parts]
+        states = [start.x for start in initial_states(model, parts)]
         for candidate, misses in zip(
                 tried, in_processes(partial(_missed, parts=parts, states=states), tried),
                 strict=True):
@@ -254,14 +255,14 @@ def nearest(models: Sequence[Candidate], parts: Sequence[Part]) -> list[Candidat
     return [candidate for _, candidate in best.values()]
 
 
-def _missed(candidate: Candidate, parts: Sequence[Part], states: Sequence[FloatArray]) -> float:
+def _missed(candidate: Model, parts: Sequence[Part], states: Sequence[FloatArray]) -> float:
     """RMS of the residual from given initial states, 1e30 where the run diverges."""
-    return rms(np.nan_to_num(np.concatenate(candidate.residuals_from(parts, states)), nan=1e30))
+    return rms(np.nan_to_num(np.concatenate(residuals_from(candidate, parts, states)), nan=1e30))
 
 
-def free_run_error(candidate: Candidate, parts: Sequence[Part]) -> float:
+def free_run_error(candidate: Model, parts: Sequence[Part]) -> float:
     """RMS of the residual at the present values, 1e30 where the run diverges."""
-    return rms(np.nan_to_num(np.concatenate([candidate.residual(p) for p in parts]), nan=1e30))
+    return rms(np.nan_to_num(np.concatenate(residuals(candidate, parts)), nan=1e30))
 
 
 def finish(base: Fit, tried: Sequence[Fit], parts: Sequence[Part]) -> list[Alternative]:
@@ -312,7 +313,7 @@ def best_at_each_place(fits: Sequence[Fit]) -> list[Fit]:
     return list(best.values())
 
 
-def relocated(candidate: Candidate, parts: Sequence[Part]) -> list[Candidate]:
+def relocated(candidate: Model, parts: Sequence[Part]) -> list[Model]:
     """Move the last effect to each other port where it can sit, scaled to the signal there."""
     *others, last = candidate.effects
     reach = spans(candidate, parts)
@@ -334,7 +335,7 @@ def refine(fits: Sequence[Fit], parts: Sequence[Part], index: int = -1) -> list[
     """
     formed = [_forms(fit, parts, index) for fit in fits]
     short = search_all([form for forms in formed for form in forms], parts, SHORT)
-    chosen: list[Fit | Candidate] = []
+    chosen: list[Fit | Model] = []
     for fit, forms in zip(fits, formed, strict=True):
         tried = [fit, *islice(short, len(forms))]
         simplest = int(bool(forms) and _is_refined(fit, index))
@@ -343,8 +344,8 @@ def refine(fits: Sequence[Fit], parts: Sequence[Part], index: int = -1) -> list[
         if scores[best] > scores[simplest] - CLEARLY:
             best = simplest
         chosen.append(fit if best == 0 else tried[best].candidate)
-    long = search_all([c for c in chosen if isinstance(c, Candidate)], parts, LONG)
-    return [next(long) if isinstance(c, Candidate) else c for c in chosen]
+    long = search_all([c for c in chosen if isinstance(c, Model)], parts, LONG)
+    return [next(long) if isinstance(c, Model) else c for c in chosen]
 
 
 def _is_refined(fit: Fit, index: int) -> bool:
@@ -361,13 +362,13 @@ def unrefined(placed: Placed) -> Placed:
         for p, v in zip(placed.effect.parameters, placed.values, strict=True)))
 
 
-def _forms(fit: Fit, parts: Sequence[Part], index: int) -> list[Candidate]:
+def _forms(fit: Fit, parts: Sequence[Part], index: int) -> list[Model]:
     """List other forms of an effect: the simple law, unless it is that, then refined ones."""
     placed = fit.candidate.effects[index]
     if placed.effect.refined is None:
         return []
 
-    def form(values: Sequence[float]) -> Candidate:
+    def form(values: Sequence[float]) -> Model:
         effects = list(fit.candidate.effects)
         effects[index] = replace(placed, values=tuple(values))
         return replace(fit.candidate, effects=tuple(effects))

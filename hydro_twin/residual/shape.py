@@ -14,8 +14,9 @@ from scipy import signal
 from scipy.linalg import block_diag
 
 from hydro_twin.effects import Course, Placed
-from hydro_twin.fitting.candidate import Part
 from hydro_twin.fitting.free_run import Fit
+from hydro_twin.fitting.output_error import residuals
+from hydro_twin.fitting.parts import Part
 from hydro_twin.plants.plant import FloatArray
 from hydro_twin.predictors.scores import rms
 from hydro_twin.residual.noise import autoregression, whiten
@@ -62,7 +63,7 @@ def free_curves(fit: Fit, placed: Placed, seen: Sequence[Passing], name: str) ->
             shape = np.hstack([shape * rises, shape * ~rises])
         columns.append(whitened(signal.lfilter(b, a, shape, axis=0)))
         target.append(whitened(p.left + signal.lfilter(b, a, p.added)))
-        starts.append(whitened(fit.candidate.free_response(len(p.left))))
+        starts.append(whitened(fit.candidate.system.free_response(len(p.left))))
     t = np.concatenate(target)
     X = np.hstack([np.concatenate(columns), block_diag(*starts)])
     size = np.maximum(np.linalg.norm(X, axis=0), 1e-300)
@@ -194,5 +195,5 @@ def _profile(fit: Fit, placed: Placed, parts: Sequence[Part]) -> Profile:
         effects = list(fit.candidate.effects)
         effects[index] = replace(placed, values=(float(value), *placed.values[1:]))
         moved = replace(fit.candidate, effects=tuple(effects))
-        errors.append(rms(np.concatenate([moved.residual(part) for part in parts])))
+        errors.append(rms(np.concatenate(residuals(moved, parts))))
     return Profile(values, np.array(errors), fit.error)

@@ -13,9 +13,11 @@ import numpy as np
 from scipy import signal, stats
 
 from hydro_twin.effects.curve import KNOTS
-from hydro_twin.fitting.candidate import Candidate, Part
 from hydro_twin.fitting.free_run import Fit
+from hydro_twin.fitting.output_error import free_run
+from hydro_twin.fitting.parts import Part
 from hydro_twin.fitting.unknowns import label
+from hydro_twin.model import Model
 from hydro_twin.plants.difference_equation import DifferenceEquation, from_state_space
 from hydro_twin.plants.plant import FloatArray
 from hydro_twin.predictors.system import discretise
@@ -31,7 +33,7 @@ UNBOUNDED = 1e100       # of a column, whose squares would overflow
 DRIFTS = 0.05           # least share of a drift that is reported
 
 
-def to_output(candidate: Candidate) -> DifferenceEquation:
+def to_output(candidate: Model) -> DifferenceEquation:
     """Difference equation from what is added at each port to the output, linear laws only."""
     laws = candidate.system.laws
     n, m = laws.B.shape
@@ -188,7 +190,7 @@ def _gains(scores: FloatArray, residual: FloatArray, count: int, ridge: float) -
     return gains
 
 
-def _groups(candidate: Candidate) -> list[tuple[int, str, int]]:
+def _groups(candidate: Model) -> list[tuple[int, str, int]]:
     """List (port, signal, row of what is seen), with the value of each port itself."""
     plant = candidate.plant
     groups, at = [], len(plant.ports)
@@ -200,12 +202,12 @@ def _groups(candidate: Candidate) -> list[tuple[int, str, int]]:
     return groups
 
 
-def _observe(candidate: Candidate, parts: Sequence[Part]) -> list[FloatArray]:
+def _observe(candidate: Model, parts: Sequence[Part]) -> list[FloatArray]:
     """Run over parts and return what passes at ports and signals."""
     all_seen = []
     for part in parts:
         seen = np.zeros((len(part.inputs), len(candidate.system.step.H)))
-        candidate.run(part, seen)
+        free_run(candidate, part, seen)
         all_seen.append(np.nan_to_num(seen))
     return all_seen
 

@@ -6,11 +6,11 @@ from dataclasses import replace
 
 import numpy as np
 
-from hydro_twin.fitting.candidate import Candidate, least_samples, Part, parts_of
 from hydro_twin.fitting.free_run import Fit, fit_linear
 from hydro_twin.fitting.horizon import errors_over_horizon
+from hydro_twin.fitting.parts import least_samples, Part, parts_of
 from hydro_twin.fitting.whiteness import is_white
-from hydro_twin.model import Model
+from hydro_twin.model import Model, Record
 from hydro_twin.plants import Plant
 from hydro_twin.predictors.analytical import Analytical
 from hydro_twin.predictors.scores import errors_by_series, rms
@@ -130,7 +130,7 @@ def _one_way(parts: tuple[Recording, Recording], plant: Plant) -> bool:
 
 def _search(train: Recording, test: Recording, plant: Plant,
             constants: Mapping[str, float] | None, model: Model | None, seed: int,
-            progress: Callable[[str], None], known: Candidate | None = None) -> Evidence:
+            progress: Callable[[str], None], known: Model | None = None) -> Evidence:
     """Search with one test part; `known` is the model that a search with another one found."""
     whole, held_out = parts_of(train, plant), parts_of(test, plant)
     sample_time = train.series[0].sample_time
@@ -144,7 +144,8 @@ def _search(train: Recording, test: Recording, plant: Plant,
                            seed=seed).candidate
         before = _linear(plain, fine, seed)
     else:
-        before = search(resampled(Candidate.of(model), sample_time), fine, 1)
+        before = search(resampled(
+            replace(model, noise=None, record=Record()), sample_time), fine, 1)
     factor = harmless_factor(before, fine, recorded)
     while not all(excerpt(parts, plant, sample_time, factor) for parts in (whole, held_out)):
         factor //= 2        # what is thinned must be long enough, at factor 1 all of it is
@@ -221,7 +222,7 @@ def _times(parts: Sequence[Part], sample_time: float) -> tuple[float, float]:
             max(1e-9 * part.start + sample_time * (len(part.measured) - 1) for part in parts))
 
 
-def _linear(plain: Candidate, parts: Sequence[Part], seed: int) -> Fit:
+def _linear(plain: Model, parts: Sequence[Part], seed: int) -> Fit:
     """Fit the linear plant within its physical range; no worse than the fit within the box.
 
     The gain of a better linear fit must not be credited to an effect.
@@ -242,7 +243,7 @@ def _gain(before: Fit, after: Fit, test: Recording, seed: int) -> Improvement:
     if before.candidate.plant.integrates:
         first, then = (errors_over_horizon(candidate, test) for candidate in candidates)
     else:
-        first, then = (errors_by_series(Analytical(candidate.model()), test.series, 'free_run')
+        first, then = (errors_by_series(Analytical(candidate), test.series, 'free_run')
                        for candidate in candidates)
     return improvement(first, then, seed)
 

@@ -6,7 +6,8 @@ from dataclasses import dataclass
 import math
 from statistics import NormalDist
 
-from hydro_twin.model import FittedEffect, Model
+from hydro_twin.effects import Placed
+from hydro_twin.model import Model
 
 CHANCE = 0.01      # that anything is called moved between two fits of an unchanged rig
 SAID = 4           # changes that the sentence tells; the rest are counted
@@ -65,14 +66,14 @@ def change(before: Model, after: Model) -> Change:
     pairs = [(name, one, theirs_too) for name, one in parameters(before).items()
              if (theirs_too := parameters(after).get(name)) is not None]
     pairs += [(label, one, other[label]) for key in ours.keys() & theirs.keys()
-              for other in [effect_values(theirs[key])]
-              for label, one in effect_values(ours[key]).items() if label in other]
+              for other in [effect_values(after, theirs[key])]
+              for label, one in effect_values(before, ours[key]).items() if label in other]
     tested = [Moved(what, one, other, _z(one, other)) for what, one, other in pairs]
     count = sum(bool(move.z) for move in tested)
     limit = NormalDist().inv_cdf(1.0 - 0.5 * CHANCE / count) if count else math.inf
     moved = tuple(sorted((m for m in tested if abs(m.z) > limit), key=lambda m: -abs(m.z)))
-    appeared = tuple(_described(theirs[key]) for key in theirs if key not in ours)
-    gone = tuple(name_of(ours[key]) for key in ours if key not in theirs)
+    appeared = tuple(_described(after, theirs[key]) for key in theirs if key not in ours)
+    gone = tuple(name_of(before.effects[ours[key]]) for key in ours if key not in theirs)
     return Change(moved, appeared, gone, _sentence(moved, appeared, gone))
 
 
@@ -83,34 +84,32 @@ def parameters(model: Model) -> dict[str, Value]:
             for name, p in model.parameters.items()}
 
 
-def effect_values(effect: FittedEffect) -> dict[str, Value]:
+def effect_values(model: Model, index: int) -> dict[str, Value]:
     """Give the parameters of an effect that are in use, by what a sentence calls them."""
-    placed = effect.placed
+    placed = model.effects[index]
     used = [(p, value) for p, value in zip(placed.effect.parameters, placed.values, strict=True)
             if value not in (p.refinement, p.unreached)]
-    name = name_of(effect)
+    name = name_of(placed)
     alone = len(placed.effect.parameters) == 1
     return {name if alone else f'{p.name} of the {name}':
-            Value(value, effect.std_errors.get(p.name), placed.effect.unit(p, placed.port))
+            Value(value, model.record.std_error(index, p.name), placed.effect.unit(p, placed.port))
             for p, value in used}
 
 
-def name_of(effect: FittedEffect) -> str:
+def name_of(placed: Placed) -> str:
     """Name an effect with its port, as 'coupling backlash'."""
-    placed = effect.placed
     kind = f'curve over {placed.effect.reads[0]}' if not placed.effect.named else placed.effect.id
     return f'{placed.port.name} {kind}'.replace('_', ' ')
 
 
-def _effects(model: Model) -> Mapping[tuple[str, ...], FittedEffect]:
-    """Give the effects by what makes them the same; the second of a kind is counted."""
-    found: dict[tuple[str, ...], FittedEffect] = {}
-    for effect in model.effects:
-        placed = effect.placed
+def _effects(model: Model) -> Mapping[tuple[str, ...], int]:
+    """Index the effects by what makes them the same; the second of a kind is counted."""
+    found: dict[tuple[str, ...], int] = {}
+    for k, placed in enumerate(model.effects):
         key = (placed.effect.id, placed.port.name, placed.port.kind, *placed.effect.reads)
         while key in found:
             key = (*key, 'again')
-        found[key] = effect
+        found[key] = k
     return found
 
 
@@ -122,13 +121,13 @@ def _z(before: Value, after: Value) -> float:
     return (after.value - before.value) / error if error > 0.0 else 0.0
 
 
-def _described(effect: FittedEffect) -> str:
-    values = effect_values(effect)
-    if not effect.placed.effect.named:
-        return name_of(effect)
+def _described(model: Model, index: int) -> str:
+    placed, values = model.effects[index], effect_values(model, index)
+    if not placed.effect.named:
+        return name_of(placed)
     given = ', '.join(f'{label.partition(" of the ")[0] + " " if " of the " in label else ""}'
                       f'{quantity(one.value, one.unit)}' for label, one in values.items())
-    return f'{name_of(effect)} ({given})' if given else name_of(effect)
+    return f'{name_of(placed)} ({given})' if given else name_of(placed)
 
 
 def _sentence(moved: tuple[Moved, ...], appeared: tuple[str, ...], gone: tuple[str, ...]) -> str:

@@ -100,9 +100,9 @@ def courses(versions: Sequence[Version]) -> list[Course]:
         except ModelError:
             continue
         values: dict[str, Value] = dict(parameters(model))
-        for effect in model.effects:
-            if effect.placed.effect.named:
-                values |= effect_values(effect)
+        for k, placed in enumerate(model.effects):
+            if placed.effect.named:
+                values |= effect_values(model, k)
         days = (entered(version) - begin).total_seconds() / DAY
         for name, value in values.items():
             found.setdefault(name, []).append((days, value, version.name))

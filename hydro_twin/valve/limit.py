@@ -4,7 +4,7 @@ from __future__ import annotations
 from dataclasses import replace
 
 from hydro_twin.errors import UserError
-from hydro_twin.model import FittedEffect, Model, place
+from hydro_twin.model import Model, place
 from hydro_twin.plants.valve_servo import VALVE_SERVO
 from hydro_twin.valve.flow_characteristic import FlowCharacteristic
 
@@ -18,8 +18,8 @@ def with_limit(model: Model, curve: FlowCharacteristic) -> Model:
     if model.plant.name != VALVE_SERVO.name:
         raise UserError(f'a flow characteristic is for the {VALVE_SERVO.name}, '
                         f'not for {model.plant.name}')
-    if any((e.placed.effect.id, e.placed.port.name) == ('saturation', 'stem')
-           for e in model.effects):
+    if any((placed.effect.id, placed.port.name) == ('saturation', 'stem')
+           for placed in model.effects):
         return model
     limit = place('saturation', 'stem', {'lower': 0.0, 'upper': curve.d_1}, model.plant)
-    return replace(model, effects=(*model.effects, FittedEffect(limit)))
+    return replace(model, effects=(*model.effects, limit))

@@ -8,7 +8,7 @@ import pytest
 from scipy.signal import cont2discrete, dlsim
 
 from hydro_twin.commands.main import main
-from hydro_twin.model import Estimate, FittedEffect, Model, place, read_model, write_model
+from hydro_twin.model import Model, place, read_model, write_model
 from hydro_twin.plants import PLANTS
 from hydro_twin.predictors.network import Network, save_network
 from hydro_twin.recording.series import Recording, Series
@@ -82,8 +82,7 @@ def config(tmp_path):
 def model(tmp_path):
     """Write the true model, at 2 ms."""
     path = tmp_path / 'true.yaml'
-    write_model(Model(CYLINDER, {name: Estimate(value) for name, value in TRUTH.items()}, {},
-                      0.002), path)
+    write_model(Model(CYLINDER, TRUTH, 0.002), path)
     return path
 
 
@@ -209,11 +208,10 @@ def test_an_effect_runs_at_another_clock(tmp_path, capsys):
     one = simulate(replace(CYLINDER, sample_time=0.001), TRUTH, [limit],
                    {'command': lambda t: levels[(t / 0.02 + 1e-6).astype(int)]}, 2.0, 10**9)
     bag = write(tmp_path / 'bag', CYLINDER, every(one, 10))
-    parameters = {name: Estimate(value) for name, value in TRUTH.items()}
     path = tmp_path / 'model.yaml'
     errors = []
-    for effects in ((FittedEffect(limit),), ()):
-        write_model(Model(CYLINDER, parameters, {}, 0.001, effects=effects), path)
+    for effects in ((limit,), ()):
+        write_model(Model(CYLINDER, TRUTH, 0.001, effects), path)
         errors.append(verb(capsys, 'replay', bag, '--model', path)[1]['free_run']['rmse'])
     assert errors[0] < 0.01 * errors[1]
 

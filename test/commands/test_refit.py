@@ -74,12 +74,12 @@ def test_the_model_file_knows_where_it_came_from(bag, tmp_path, capsys):
         name: p['value'] for name, p in result['parameters'].items()}
     assert model.errors['after']['free_run'] == {
         part: result[part]['free_run'] for part in ('train', 'test')}
-    assert model.promised('one_step') == result['test']['one_step']
-    assert model.provenance['bags'] == [{'path': str(bag), 'sha256': source_of(bag).sha256}]
-    assert model.provenance['seed'] == 3
-    assert model.provenance['method'] == 'least_squares'
-    assert model.provenance['criterion'] == 'one_step'
-    assert {'command', 'version'} <= set(model.provenance)
+    assert model.record.promised('one_step') == result['test']['one_step']
+    assert model.record.provenance['bags'] == [{'path': str(bag), 'sha256': source_of(bag).sha256}]
+    assert model.record.provenance['seed'] == 3
+    assert model.record.provenance['method'] == 'least_squares'
+    assert model.record.provenance['criterion'] == 'one_step'
+    assert {'command', 'version'} <= set(model.record.provenance)
 
 
 def test_replay_model_file_and_study_agree_with_refit(bag, tmp_path, capsys):
@@ -94,7 +94,7 @@ def test_replay_model_file_and_study_agree_with_refit(bag, tmp_path, capsys):
     run = analytical_run(SearchResult(values, 0.0, np.zeros(1)), part, replace(model, effects=()))
     for mode in ('one_step', 'free_run'):
         assert replayed[mode]['rmse'] == pytest.approx(result['test'][mode], rel=1e-12)
-        assert model.promised(mode) == pytest.approx(result['test'][mode], rel=1e-12)
+        assert model.record.promised(mode) == pytest.approx(result['test'][mode], rel=1e-12)
         assert run.errors['train', mode] == pytest.approx(result['test'][mode], rel=1e-9)
     assert replayed['persistence']['rmse'] == pytest.approx(result['persistence']['test'])
 
@@ -122,7 +122,7 @@ def test_a_parameter_beyond_the_search_box_is_said_to_be_at_its_bound(tmp_path, 
     assert 'tau' in result['at_bound']
     model = read_model(out)
     assert model.parameters['tau'].at_bound == 'upper'
-    assert any(note.startswith('tau ended') for note in model.notes)
+    assert any(note.startswith('tau ended') for note in model.record.notes)
 
 
 def test_a_one_step_fit_of_noisy_outputs_has_no_standard_errors(tmp_path, capsys):
@@ -134,7 +134,7 @@ def test_a_one_step_fit_of_noisy_outputs_has_no_standard_errors(tmp_path, capsys
     assert abs(result['parameters']['tau']['value'] - 0.00293) > 0.3 * 0.00293      # biased
     assert all(p['std_error'] is None for p in result['parameters'].values())
     assert any('biases' in note for note in result['notes'])
-    assert result['notes'] == list(read_model(out).notes)
+    assert result['notes'] == list(read_model(out).record.notes)
     _, result, _ = refit(capsys, bag, out, plant='valve_servo')
     tau = result['parameters']['tau']
     assert abs(tau['value'] - 0.00293) < 4 * tau['std_error']
@@ -219,7 +219,7 @@ def test_a_known_parameter_is_held_and_the_others_are_told(short_steps, tmp_path
     assert re.search(r"k_1:\n    value: 1.093\n    unit: '1'\n    std_error: held", text)
     model = read_model(path)
     assert model.parameters['k_1'].held
-    assert model.effects[0].placed.named == {'lower': 0.0, 'upper': pytest.approx(1.05)}
+    assert model.effects[0].named == {'lower': 0.0, 'upper': pytest.approx(1.05)}
 
 
 @pytest.mark.parametrize('arguments', [

@@ -8,13 +8,13 @@ import pytest
 from rosbags.highlevel import AnyReader
 
 from hydro_twin.commands.main import main
-from hydro_twin.model import Estimate, FittedEffect, load_predictor, Model, place, write_model
+from hydro_twin.model import load_predictor, Model, place, write_model
 from hydro_twin.plants import PLANTS
 from hydro_twin.report import picture
 
 PLANT = PLANTS['load_simulator']
-MODEL = Model(PLANT, {p.name: Estimate(1.02 * (p.lower * p.upper) ** 0.5)
-                      for p in PLANT.parameters}, PLANT.constant_values(), 0.002)
+MODEL = Model(PLANT, PLANT.constant_values() | {
+    name: 1.02 * value for name, value in PLANT.middle().items()}, 0.002)
 
 
 @pytest.fixture(scope='module')
@@ -117,8 +117,8 @@ def test_a_config_says_where_signals_are(bag, model, tmp_path, capsys):
 
 
 def test_a_run_that_diverges_has_no_error_but_null(bag, tmp_path, capsys):
-    wild = replace(MODEL, effects=(FittedEffect(
-        place('stiffening', 'coupling', {'cubic': 1e13}, PLANT)),), substeps=1)
+    wild = replace(MODEL, effects=(
+        place('stiffening', 'coupling', {'cubic': 1e13}, PLANT),), substeps=1)
     path = tmp_path / 'wild.yaml'
     write_model(wild, path)
     assert np.isnan(load_predictor(path).free_run(read(bag)[0])).any()
@@ -161,7 +161,7 @@ def test_bad_input_ends_with_one_line(bag, model, capsys, arguments, says):
 def test_a_model_of_another_plant_finds_no_topic(bag, tmp_path, capsys):
     path = tmp_path / 'model.yaml'
     plant = PLANTS['cylinder']
-    write_model(Model(plant, {'tau': Estimate(0.1), 'K_v': Estimate(0.1)}, {}, 0.002), path)
+    write_model(Model(plant, {'tau': 0.1, 'K_v': 0.1}, 0.002), path)
     status, _, err = replay(capsys, bag, '--model', path)
     assert status == 2
     assert '/cylinder/' in err
@@ -185,8 +185,7 @@ def test_a_picture_of_two_models(bag, model, tmp_path, capsys, monkeypatch):
 
 def test_a_picture_of_two_plants_is_refused(bag, model, tmp_path, capsys):
     other = PLANTS['positioning']
-    write_model(Model(other, {p.name: Estimate((p.lower * p.upper) ** 0.5)
-                              for p in other.parameters}, other.constant_values(), 0.002),
+    write_model(Model(other, other.constant_values() | other.middle(), 0.002),
                 tmp_path / 'other.yaml')
     status, _, err = replay(capsys, bag, '--model', model, '--beside', tmp_path / 'other.yaml',
                             '--picture', tmp_path / 'picture.png')

@@ -7,7 +7,7 @@ import yaml
 from hydro_twin.effects import EFFECTS
 from hydro_twin.effects.curve import curve, KNOTS, values
 from hydro_twin.errors import ModelError
-from hydro_twin.model import document, Estimate, FittedEffect, Model, read_model, write_model
+from hydro_twin.model import document, Model, read_model, write_model
 from hydro_twin.plants import PLANTS
 from hydro_twin.predictors.system import assemble
 
@@ -62,8 +62,7 @@ def test_contends_for_no_name():
 
 
 def model(placed):
-    return Model(PLANT, {p.name: Estimate(VALUES[p.name]) for p in PLANT.parameters},
-                 PLANT.constant_values(), 0.002, effects=(FittedEffect(placed),))
+    return Model(PLANT, PLANT.constant_values() | VALUES, 0.002, (placed,))
 
 
 @pytest.mark.parametrize(('port', 'signal'), [
@@ -74,7 +73,7 @@ def test_a_model_file_keeps_it_and_says_that_it_explains_nothing(tmp_path, port,
     write_model(model(placed), tmp_path / 'm.yaml')
     (entry,) = yaml.safe_load((tmp_path / 'm.yaml').read_text())['effects']
     assert (entry['id'], entry['signal'], entry['found']) == ('curve', signal, 'not explained')
-    assert read_model(tmp_path / 'm.yaml').placed == (placed,)
+    assert read_model(tmp_path / 'm.yaml').effects == (placed,)
 
 
 @pytest.mark.parametrize(('change', 'says'), [

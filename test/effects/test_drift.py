@@ -7,10 +7,10 @@ import pytest
 from scipy.integrate import solve_ivp
 
 from hydro_twin.effects.drift import factor, slopes
-from hydro_twin.fitting.candidate import Candidate, Part
 from hydro_twin.fitting.free_run import Problem
+from hydro_twin.fitting.parts import Part
 from hydro_twin.fitting.unknowns import effect_unknowns, get, plant_unknowns
-from hydro_twin.model import Estimate, FittedEffect, Model, Noise, place, read_model, write_model
+from hydro_twin.model import Model, Noise, place, read_model, write_model
 from hydro_twin.plants import PLANTS
 from hydro_twin.predictors.analytical import Analytical
 from hydro_twin.predictors.sensitivities import run_with_slopes, tangents_of
@@ -88,7 +88,7 @@ def test_a_run_is_that_of_laws_that_vary(parameters):
 
 
 def candidate_of(parameters):
-    return Candidate(LOAD, VALUES, T, (place('drift', 'K_ce', parameters, LOAD),))
+    return Model(LOAD, VALUES, T, (place('drift', 'K_ce', parameters, LOAD),), substeps=2)
 
 
 @pytest.mark.parametrize('parameters', [STRAIGHT, ALL])
@@ -117,9 +117,8 @@ def test_derivatives_of_a_run(parameters):
 
 def model(parameters=ALL):
     noise = Noise(0.5, {'p_L': 1e5}, {'x_v': 1e-5, 'p_L': 1e6, 'omega_j': 0.1, 'theta_j': 0.01})
-    return Model(LOAD, {name: Estimate(value) for name, value in LOAD.middle().items()},
-                 LOAD.constant_values(), T, noise=noise,
-                 effects=(FittedEffect(place('drift', 'K_ce', parameters, LOAD)),))
+    return Model(LOAD, LOAD.constant_values() | LOAD.middle(), T,
+                 (place('drift', 'K_ce', parameters, LOAD),), noise=noise)
 
 
 def series_of(samples, start):
@@ -147,7 +146,7 @@ def test_after_the_end_it_is_the_plant_with_the_last_value(mode):
 
 def test_a_model_file_keeps_it(tmp_path):
     write_model(model(), tmp_path / 'model.yaml')
-    assert read_model(tmp_path / 'model.yaml').placed == model().placed
+    assert read_model(tmp_path / 'model.yaml').effects == model().effects
 
 
 @pytest.mark.slow

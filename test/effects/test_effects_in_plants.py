@@ -6,8 +6,8 @@ import pytest
 from scipy import integrate, signal
 
 from hydro_twin.effects import EFFECTS, Placed, sites
-from hydro_twin.fitting.candidate import Candidate, Part
-from hydro_twin.model import place
+from hydro_twin.fitting.parts import Part
+from hydro_twin.model import Model, place
 from hydro_twin.plants import PLANTS
 from hydro_twin.predictors.system import assemble
 from hydro_twin.residual.screen import spans
@@ -81,7 +81,7 @@ def test_halving_the_step_changes_little(site):
     """
     plant, effect, port = site
     inputs = smooth(plant)
-    linear = Candidate(plant, values(plant), plant.sample_time)
+    linear = Model(plant, values(plant), plant.sample_time)
     part = Part(inputs, linear.system.run(inputs, np.zeros(plant.order)))
     span = spans(linear, [part])[port]
     strengths = [tuple(start) for start in effect.starts(span)]

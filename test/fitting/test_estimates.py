@@ -16,6 +16,6 @@ def test_a_standard_error_is_what_repeated_recordings_scatter():
     models = [fitted_model(fit, fit.identifiability(), {}) for fit in fits]
     for values, errors in (
             ([m.values['M'] for m in models], [m.parameters['M'].std_error for m in models]),
-            ([m.placed[0].values[0] for m in models],
-             [m.effects[0].std_errors['offset'] for m in models])):
+            ([m.effects[0].values[0] for m in models],
+             [m.record.std_error(0, 'offset') for m in models])):
         assert 0.5 < np.std(values, ddof=1) / np.mean(errors) < 2.0

@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 
-from hydro_twin.fitting.candidate import Part
 from hydro_twin.fitting.free_run import Fit, fit_linear
+from hydro_twin.fitting.parts import Part
 from hydro_twin.plants.load_simulator import LOAD_SIMULATOR
 
 T, SAMPLES, D_M = 0.002, 1500, 2e-5

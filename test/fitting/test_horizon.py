@@ -2,9 +2,9 @@
 import numpy as np
 import pytest
 
-from hydro_twin.fitting.candidate import Candidate, parts_of
 from hydro_twin.fitting.horizon import errors_over_horizon, horizon_errors, moving_windows
-from hydro_twin.model import Estimate, Model
+from hydro_twin.fitting.parts import parts_of
+from hydro_twin.model import Model
 from hydro_twin.plants import plant_named, PLANTS
 from hydro_twin.recording.series import Recording, Series
 
@@ -25,7 +25,7 @@ def stroke(seconds, speed, offset=0.0, stop=np.inf, noise=0.0):
 
 
 def cylinder(speed):
-    return Model(CYLINDER, {'tau': Estimate(1e-4), 'K_v': Estimate(speed)}, {}, DT)
+    return Model(CYLINDER, {'tau': 1e-4, 'K_v': speed}, DT)
 
 
 def test_which_plants_integrate():
@@ -51,16 +51,14 @@ def test_each_window_has_its_own_start():
     """A jump of the position between two windows is no error of the laws."""
     series = stroke(20.0, 0.1)
     jumped = {**series.columns, 'x': series['x'] + 3.0 * (np.arange(1000) >= 500)}
-    errors = errors_over_horizon(Candidate.of(cylinder(0.1)),
-                                 Recording((Series(jumped, DT),)))
+    errors = errors_over_horizon(cylinder(0.1), Recording((Series(jumped, DT),)))
     assert len(errors) == 2
     assert np.abs(np.concatenate(errors)).max() < 5e-3
 
 
 def test_none_of_a_plant_that_forgets_nor_of_a_series_that_is_too_short():
     servo = plant_named('valve_servo')
-    model = Model(servo, {p.name: Estimate((p.lower * p.upper) ** 0.5) for p in servo.parameters},
-                  servo.constant_values(), 0.002)
+    model = Model(servo, servo.constant_values() | servo.middle(), 0.002)
     assert horizon_errors(model, {}) == {}
     assert horizon_errors(cylinder(0.1), {'test': Recording((stroke(0.2, 0.1),))}) == {}
 

@@ -10,7 +10,7 @@ import numpy as np
 from rosbags.typesys import get_typestore, Stores
 
 from hydro_twin.live.live import Live
-from hydro_twin.model import Estimate, Model
+from hydro_twin.model import Model, Record
 from hydro_twin.plants import Plant, plant_named
 from hydro_twin.recording.signals import SignalMap
 
@@ -39,8 +39,8 @@ def model(promised: float | None = 1.0) -> Model:
     values = {p.name: (p.lower * p.upper)**0.5 for p in PLANT.parameters}
     errors = {} if promised is None else {
         'after': {mode: {'test': promised} for mode in ('one_step', 'free_run')}}
-    return Model(PLANT, {name: Estimate(value) for name, value in values.items()},
-                 PLANT.constant_values(), PLANT.sample_time, errors=errors)
+    return Model(PLANT, PLANT.constant_values() | values, PLANT.sample_time,
+                 record=Record(errors=errors))
 
 
 @dataclass

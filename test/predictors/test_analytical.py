@@ -3,7 +3,7 @@ import pytest
 from scipy import signal
 from scipy.optimize import brentq
 
-from hydro_twin.model import Estimate, FittedEffect, Model, Noise, place
+from hydro_twin.model import Model, Noise, place
 from hydro_twin.plants import PLANTS
 from hydro_twin.predictors.analytical import Analytical
 from hydro_twin.predictors.system import assemble
@@ -58,11 +58,9 @@ NOISE = Noise(0.5, {'x_v': 1e-6, 'p_L': 1e5, 'omega_j': 0.1},
 
 
 def predictor(plant, effects=(), substeps=4, noise=None):
-    placed = [FittedEffect(place(name, port, parameters, plant))
-              for name, (port, parameters) in effects]
-    estimates = {name: Estimate(value) for name, value in values_of(plant).items()}
-    return Analytical(Model(plant, estimates, plant.constant_values(), plant.sample_time,
-                            effects=tuple(placed), substeps=substeps, noise=noise))
+    placed = tuple(place(name, port, parameters, plant) for name, (port, parameters) in effects)
+    return Analytical(Model(plant, plant.constant_values() | values_of(plant), plant.sample_time,
+                            placed, substeps=substeps, noise=noise))
 
 
 def recording(plant, samples=700, seed=0):

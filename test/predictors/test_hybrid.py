@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from hydro_twin.errors import ModelError
-from hydro_twin.model import Estimate, FittedEffect, load_predictor, Model, place, write_model
+from hydro_twin.model import load_predictor, Model, place, write_model
 from hydro_twin.plants.load_simulator import LOAD_SIMULATOR
 from hydro_twin.plants.positioning import POSITIONING
 from hydro_twin.predictors.analytical import Analytical
@@ -28,14 +28,14 @@ def network(scale: float = 1.0, seed: int = 0) -> Network:
 
 
 def model(kind: str, **more: object) -> Model:
-    estimates = {p.name: Estimate((p.lower + p.upper) / 2) for p in LOAD_SIMULATOR.parameters}
-    return Model(LOAD_SIMULATOR, {} if kind == 'mlp' else estimates,
-                 LOAD_SIMULATOR.constant_values(), 0.002, kind, **more)  # type: ignore[arg-type]
+    middle = {p.name: (p.lower + p.upper) / 2 for p in LOAD_SIMULATOR.parameters}
+    values = LOAD_SIMULATOR.constant_values() | ({} if kind == 'mlp' else middle)
+    return Model(LOAD_SIMULATOR, values, 0.002, kind=kind, **more)  # type: ignore[arg-type]
 
 
 def with_dead_zone() -> Model:
     placed = place('dead_zone', 'spool', {'centre': 0.0, 'width': 4e-5}, LOAD_SIMULATOR)
-    return replace(model('hybrid'), effects=(FittedEffect(placed),))
+    return replace(model('hybrid'), effects=(placed,))
 
 
 def series() -> Series:

@@ -9,7 +9,7 @@ from scipy.signal import cont2discrete
 
 from hydro_twin.errors import ModelError
 from hydro_twin.fitting.noise import estimate_noise
-from hydro_twin.model import Estimate, FittedEffect, Model, Noise, place
+from hydro_twin.model import Model, Noise, place
 from hydro_twin.plants import PLANTS
 from hydro_twin.predictors.analytical import Analytical
 from hydro_twin.predictors.observer import Observer, process_root, run
@@ -33,9 +33,8 @@ def values_of(plant):
 
 
 def model_of(plant, effects=(), noise=None):
-    return Model(plant, {name: Estimate(value) for name, value in plant.middle().items()},
-                 plant.constant_values(), plant.sample_time, noise=noise,
-                 effects=tuple(FittedEffect(place(*effect, plant)) for effect in effects))
+    return Model(plant, values_of(plant), plant.sample_time,
+                 tuple(place(*effect, plant) for effect in effects), noise=noise)
 
 
 def covariance_of_noise(A, intensity, T):

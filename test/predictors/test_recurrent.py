@@ -18,7 +18,7 @@ from hydro_twin.recording.series import Series
 
 H, R = 6, 14
 CONSTANTS = {'D_m': 2e-5}
-MODEL = Model(LOAD_SIMULATOR, {}, CONSTANTS, 0.002, 'gru', network='net.safetensors')
+MODEL = Model(LOAD_SIMULATOR, CONSTANTS, 0.002, kind='gru', network='net.safetensors')
 
 
 def make(seed: int = 0) -> Recurrent:

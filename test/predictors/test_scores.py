@@ -1,15 +1,13 @@
 """The errors that are reported: one definition, which the live twin and the trace keep to."""
 from __future__ import annotations
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
 
-from hydro_twin.fitting.candidate import parts_of
+from hydro_twin.fitting.parts import parts_of
 from hydro_twin.fitting.physics import fit_physics, Task
 from hydro_twin.live.twin import Twin
-from hydro_twin.model import Estimate, FittedEffect, Model, place
+from hydro_twin.model import Model, place
 from hydro_twin.plants import PLANTS
 from hydro_twin.plants.cylinder import CYLINDER
 from hydro_twin.plants.valve_servo import VALVE_SERVO
@@ -22,8 +20,7 @@ MODES = ('one_step', 'free_run')
 
 def model(effects=(), **values):
     middle = {p.name: float(np.sqrt(p.lower * p.upper)) for p in VALVE_SERVO.parameters}
-    return Model(VALVE_SERVO, {k: Estimate(v) for k, v in {**middle, **values}.items()}, {}, 0.002,
-                 effects=effects)
+    return Model(VALVE_SERVO, {**middle, **values}, 0.002, effects)
 
 
 def recording(samples=(300, 40, 200)):
@@ -40,14 +37,14 @@ def recording(samples=(300, 40, 200)):
 
 
 @pytest.mark.parametrize('effects', [
-    (), (FittedEffect(place('dead_zone', 'converter', {'width': 0.01}, VALVE_SERVO)),)])
+    (), (place('dead_zone', 'converter', {'width': 0.01}, VALVE_SERVO),)])
 def test_the_twin_watches_what_the_model_promises(effects):
     """Series by series, 50 samples of a free run and 4 of a one-step run are not counted."""
     whole = recording()
     lacking = model(effects, T_y=0.03)
     scored = errors_of(Analytical(lacking), {'test': whole})
     for mode, unscored in (('one_step', 4), ('free_run', 50)):
-        twin = Twin('', Analytical(replace(lacking, errors={'after': scored})), mode)
+        twin = Twin('', Analytical(lacking.with_record(errors={'after': scored})), mode)
         seen = []
         twin.monitor.add = lambda _, residual, seen=seen: seen.append(residual)
         for series in whole.series:
@@ -98,5 +95,5 @@ def test_a_one_step_fit_has_standard_errors_where_its_residual_is_white():
     found = fit_physics(Task(recording, VALVE_SERVO, {}, 'one_step', 0, {}), 'least_squares')
     assert not any('biases' in note for note in found.notes)
     for name in ('T_y', 'tau'):
-        estimate = found.estimates[name]
-        assert abs(estimate.value - true.values[name]) < 4 * estimate.std_error
+        error = found.uncertainty[name].std_error
+        assert abs(found.values[name] - true.values[name]) < 4 * error

@@ -9,9 +9,10 @@ from scipy.integrate import solve_ivp
 from scipy.linalg import expm
 
 from hydro_twin.effects import EFFECTS, Placed, sites
-from hydro_twin.fitting.candidate import Candidate, Part
 from hydro_twin.fitting.free_run import Problem
+from hydro_twin.fitting.parts import Part
 from hydro_twin.fitting.unknowns import effect_unknowns, get, plant_unknowns, timing_unknowns
+from hydro_twin.model import Model
 from hydro_twin.plants import PLANTS
 from hydro_twin.predictors.sensitivities import Directions, run_with_slopes, tangent_of
 from hydro_twin.predictors.system import assemble
@@ -39,8 +40,8 @@ def moved(plant):
 
 def with_effect(plant, effect=None, port=None):
     """Put a plant in the middle of its box in motion, with an effect that does something."""
-    linear = Candidate(plant, middle(plant), plant.sample_time,
-                       timing={s.name: -0.3 * plant.sample_time for s in plant.inputs if s.held})
+    linear = Model(plant, middle(plant), plant.sample_time,
+                   timing={s.name: -0.3 * plant.sample_time for s in plant.inputs if s.held})
     inputs = moved(plant)
     part = Part(inputs, linear.system.run(inputs, np.zeros(plant.order)))
     if effect is None:
@@ -54,8 +55,8 @@ def with_effect(plant, effect=None, port=None):
     if effect.shifts:                       # by no whole number of samples, where there is a kink
         values = (2.7 * plant.sample_time,)
     timing = {} if effect.shifts else linear.timing
-    return Candidate(plant, linear.values, plant.sample_time,
-                     (Placed(effect, port, tuple(map(float, values))),), timing), part
+    return Model(plant, linear.values, plant.sample_time,
+                 (Placed(effect, port, tuple(map(float, values))),), timing, substeps=2), part
 
 
 def states_of(candidate, part):

@@ -13,6 +13,7 @@ from trace_by_hand import evidence, result
 import yaml
 
 from hydro_twin.errors import UserError
+from hydro_twin.fitting.output_error import free_run
 from hydro_twin.model import load_predictor, read_model
 from hydro_twin.predictors import kernel
 from hydro_twin.predictors.scores import errors_of
@@ -61,7 +62,7 @@ def test_writes_all(written):
 def test_the_models_are_those_before_and_after(written, traced):
     before, after = (read_model(written[0] / name) for name in ('before.yaml', 'model.yaml'))
     assert before.effects == ()
-    assert [effect.placed.effect.id for effect in after.effects] == ['friction']
+    assert [placed.effect.id for placed in after.effects] == ['friction']
     assert before.values['F_v'] == pytest.approx(traced.before.candidate.values['F_v'])
 
 
@@ -70,7 +71,8 @@ def test_a_limit_that_was_never_reached_is_not_written_as_found(tmp_path):
     made = evidence('valve_servo')
     after = without_unreached(made.after, made.train)
     for part in made.train:
-        np.testing.assert_array_equal(after.candidate.run(part), made.after.candidate.run(part))
+        np.testing.assert_array_equal(free_run(after.candidate, part),
+                                      free_run(made.after.candidate, part))
     summary = write_files(result_of(replace(made, after=after)), tmp_path, PROVENANCE)
     assert list(summary['effects'][0]['parameters']) == ['upper']
     raw = yaml.safe_load((tmp_path / 'model.yaml').read_text())
@@ -78,7 +80,7 @@ def test_a_limit_that_was_never_reached_is_not_written_as_found(tmp_path):
     assert limits['lower']['std_error'] == 'not reached'
     assert limits['lower']['value'] == -1e9
     assert limits['upper']['std_error'] > 0.0
-    again, = read_model(tmp_path / 'model.yaml').placed
+    again, = read_model(tmp_path / 'model.yaml').effects
     assert again.values == after.candidate.effects[0].values
 
 
@@ -88,7 +90,7 @@ def test_the_errors_are_those_of_the_models_that_are_written(written, traced):
         expected = errors_of(load_predictor(folder / name), traced.recordings)
         for mode, errors in expected.items():
             assert summary[when][mode] == pytest.approx(errors, rel=1e-12)
-            assert read_model(folder / name).promised(mode) == pytest.approx(errors['test'])
+            assert read_model(folder / name).record.promised(mode) == pytest.approx(errors['test'])
 
 
 def test_writing_them_runs_no_model(tmp_path, found, monkeypatch):
@@ -158,6 +160,6 @@ def test_a_curve_is_in_the_model_and_said_to_explain_nothing(tmp_path, named):
     assert 'curve' not in [effect['id'] for effect in summary['effects']]
     assert summary['found']['explained'] is False
     assert {'before.yaml', 'figures/found_command_value.png'} <= set(names(tmp_path))
-    *_, last = read_model(tmp_path / 'model.yaml').placed
+    *_, last = read_model(tmp_path / 'model.yaml').effects
     assert last == made.found.placed
     assert summary['found']['added'] == pytest.approx(last.values[2:])

@@ -12,8 +12,9 @@ import numpy as np
 import pytest
 
 from hydro_twin.errors import UserError
-from hydro_twin.fitting.candidate import Candidate, parts_of
+from hydro_twin.fitting.parts import parts_of
 from hydro_twin.fitting.whiteness import is_white
+from hydro_twin.model import Model
 from hydro_twin.plants import PLANTS
 from hydro_twin.recording.rig import read, rig_of
 from hydro_twin.recording.series import Recording, Series
@@ -102,7 +103,7 @@ def fitted(plant, recording):
     values = plant.constant_values() | {p.name: (p.lower * p.upper) ** 0.5
                                         for p in plant.parameters}
     sample_time = recording.series[0].sample_time
-    return search(Candidate(plant, values, sample_time), parts, 2), parts
+    return search(Model(plant, values, sample_time, substeps=2), parts, 2), parts
 
 
 def refused(error):
@@ -227,7 +228,7 @@ def test_short_series_among_long_ones_that_are_thinned():
         t = 0.002 * np.arange(samples)
         command = sum(np.sin(2 * np.pi * f * t + p) for f, p in rng.uniform(0.05, 0.6, (4, 2)))
         values = {'tau': 0.05, 'K_v': 0.1}
-        x = Candidate(plant, values, 0.002).system.run(command[:, None], np.zeros(2))
+        x = Model(plant, values, 0.002).system.run(command[:, None], np.zeros(2))
         x = x + 1e-4 * rng.standard_normal(samples)
         series.append(Series({'command': command, 'x': x}, 0.002))
     ends(plant, Recording(tuple(series)))

@@ -19,7 +19,7 @@ def test_each_model_predicts_each_series_once(monkeypatch, found):
         honest = getattr(Analytical, mode)
 
         def count(self, series):
-            predicted[mode, self.model.placed, id(series)] += 1
+            predicted[mode, self.model.effects, id(series)] += 1
             return honest(self, series)
 
         return count

@@ -2,9 +2,9 @@
 import numpy as np
 import pytest
 
-from hydro_twin.fitting.candidate import Candidate, least_samples, Part, parts_of
 from hydro_twin.fitting.free_run import fit_linear
-from hydro_twin.model import place
+from hydro_twin.fitting.parts import least_samples, Part, parts_of
+from hydro_twin.model import Model, place
 from hydro_twin.plants import plant_named
 from hydro_twin.recording.series import Recording, Series
 from hydro_twin.residual.excerpt import (
@@ -93,8 +93,8 @@ def recorded(name, values, frequency, seconds, *effects):
     time = plant.sample_time * np.arange(round(seconds / plant.sample_time))
     inputs = np.zeros((len(time), len(plant.inputs)))
     inputs[:, 0] = 100.0 * sum(np.sin(2 * np.pi * frequency * f * time) for f in (1.0, 2.7))
-    rig = Candidate(plant, {**plant.constant_values(), **values}, plant.sample_time,
-                    tuple(place(*effect, plant) for effect in effects))
+    rig = Model(plant, {**plant.constant_values(), **values}, plant.sample_time,
+                tuple(place(*effect, plant) for effect in effects), substeps=2)
     output = rig.system.run(inputs, rig.system.start(inputs[0], 0.0))
     columns = {s.name: u for s, u in zip(plant.inputs, inputs.T, strict=True)}
     series = Series({**columns, plant.output.name: output}, plant.sample_time, 0)

@@ -7,9 +7,9 @@ import pytest
 from traced_rig import fitted, PLANT, record
 
 from hydro_twin.effects.curve import curve, KNOTS, values
-from hydro_twin.fitting.candidate import Candidate, Part
+from hydro_twin.fitting.parts import Part
 from hydro_twin.fitting.unknowns import effect_unknowns
-from hydro_twin.model import place
+from hydro_twin.model import Model, place
 from hydro_twin.plants import plant_named
 from hydro_twin.residual.curve import (
     find_curve,
@@ -105,7 +105,7 @@ def test_knots_lie_where_the_recording_went():
     plant = plant_named('cylinder')
     t = 0.002 * np.arange(1500)
     inputs = np.sin(2 * np.pi * t)[:, None]
-    linear = Candidate(plant, {'tau': 0.05, 'K_v': 0.1}, 0.002)
+    linear = Model(plant, {'tau': 0.05, 'K_v': 0.1}, 0.002, substeps=2)
     part = Part(inputs, linear.system.run(inputs, np.zeros(2)))
     ports = {(port.name, port.kind): port for port in plant.ports}
     rate, speed = ports['spool', 'rate'], ports['piston', 'speed']

@@ -5,7 +5,9 @@ import numpy as np
 import pytest
 from scipy.signal import lfilter
 
-from hydro_twin.fitting.candidate import Candidate, parts_of
+from hydro_twin.fitting import output_error
+from hydro_twin.fitting.parts import parts_of
+from hydro_twin.model import Model
 from hydro_twin.plants import plant_named
 from hydro_twin.predictors.scores import rms
 from hydro_twin.recording.series import Recording
@@ -62,7 +64,7 @@ def test_units_do_not_matter_and_seeds_hardly():
 class Fitted:
     """All that is asked of a fit."""
 
-    candidate: Candidate
+    candidate: Model
 
 
 def test_the_error_of_a_start_is_not_blamed_on_the_laws():
@@ -72,8 +74,8 @@ def test_the_error_of_a_start_is_not_blamed_on_the_laws():
     one = one.part(500, 3500)       # from amid its motion
     x = one['x'] + noise * np.random.default_rng(0).standard_normal(len(one))
     parts = parts_of(Recording((replace(one, columns={**one.columns, 'x': x}),)), plant)
-    fit = Fitted(Candidate(plant, values, plant.sample_time))
-    assert rms(fit.candidate.residual(parts[0])) > 3 * noise
+    fit = Fitted(Model(plant, values, plant.sample_time))
+    assert rms(output_error.residuals(fit.candidate, parts)[0]) > 3 * noise
     assert rms(residuals(fit, parts)[0]) == pytest.approx(noise, rel=0.05)
-    wrong = Fitted(Candidate(plant, {**values, 'F_v': 40.0}, plant.sample_time))
+    wrong = Fitted(Model(plant, {**values, 'F_v': 40.0}, plant.sample_time))
     assert rms(residuals(wrong, parts)[0]) > 3 * noise

@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 from trace_by_hand import candidate, parts
 
+from hydro_twin.fitting.output_error import free_run, residuals
 from hydro_twin.residual.passing import passing
 from hydro_twin.residual.select import search
 from hydro_twin.residual.shape import free_curves, shape_of, telling
@@ -17,7 +18,7 @@ def free(name, true, assumed):
     made = parts(candidate(name, [true]), 1.2, 0.005, 3)
     model = candidate(name, [assumed])
     fit = replace(search(model, made, 1), candidate=model,
-                  residual=np.concatenate([model.residual(part) for part in made]))
+                  residual=np.concatenate(residuals(model, made)))
     placed = fit.candidate.effects[0]
     seen = [passing(fit.candidate, placed, part) for part in made]
     over = telling(seen)
@@ -57,7 +58,7 @@ def test_what_passes_at_a_port_is_what_the_run_saw():
     part = parts(made, 0.6, 0.0, 0)[0]
     got = passing(made, made.effects[0], part)
     seen = np.zeros((len(part.inputs), len(made.system.step.H)))
-    y = made.run(part, seen)
+    y = free_run(made, part, seen)
     row = made.plant.ports.index(made.effects[0].port)
     np.testing.assert_allclose(got.signals['value'] + got.added, seen[:, row], atol=1e-12)
     np.testing.assert_allclose(got.left, part.measured - y, atol=1e-9)

@@ -7,8 +7,10 @@ import pytest
 from scipy.signal import cont2discrete, dlsim, lfilter
 from traced_rig import fitted, PLANT, record, VALUES
 
-from hydro_twin.fitting.candidate import Candidate, Part, parts_of
 from hydro_twin.fitting.free_run import fit_linear
+from hydro_twin.fitting.output_error import free_run
+from hydro_twin.fitting.parts import Part, parts_of
+from hydro_twin.model import Model
 from hydro_twin.plants import PLANTS
 from hydro_twin.predictors.system import assemble
 from hydro_twin.residual.screen import hidden, screen, spans
@@ -144,7 +146,8 @@ def test_spans_are_what_a_run_reaches(linear):
     largest = max(np.abs(part.inputs[fit.candidate.start_up:, 0]).max() for part in train)
     by_name = {(port.name, port.kind): span for port, span in reach.items()}
     assert by_name['command', 'command'].value == pytest.approx(largest)
-    torque = max(np.abs(fit.candidate.run(part)[fit.candidate.start_up:]).max() for part in train)
+    torque = max(np.abs(free_run(fit.candidate, part)[fit.candidate.start_up:]).max()
+                 for part in train)
     assert by_name['sensor', 'sensor'].value == pytest.approx(torque)
     twist = by_name['coupling', 'coupling'].signals['twist']
     assert twist * fit.candidate.values['G'] == pytest.approx(torque, rel=0.02)
@@ -154,7 +157,7 @@ def test_spans_do_not_hold_a_state_that_the_start_tells_badly():
     plant = PLANTS['valve_servo']
     command = np.column_stack([0.5 + 0.2 * np.sin(np.linspace(0.0, 9.0, 900))])
     noisy = 0.5 + 0.01 * np.random.default_rng(0).standard_normal(900)
-    fast = Candidate(plant, {'T_y': 1e-4, 'T_c': 0.3, 'tau': 1e-4, 'k_1': 1.0}, 0.002)
+    fast = Model(plant, {'T_y': 1e-4, 'T_c': 0.3, 'tau': 1e-4, 'k_1': 1.0}, 0.002)
     speed = next(span for port, span in spans(fast, [Part(command, noisy)]).items()
                  if port.name == 'actuator').value
     assert speed < 2.0      # the command needs 0.9; noise at the start would ask for hundreds

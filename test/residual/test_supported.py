@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 from traced_rig import fitted, PLANT, record
 
+from hydro_twin.fitting.output_error import residuals
 from hydro_twin.model import place
 from hydro_twin.residual.chain import (
     _proven,
@@ -55,8 +56,7 @@ def test_one_beside_a_larger_one_that_is_lacking_is_dropped(both):
 
 def test_data_that_were_not_fitted_are_likelier_with_what_is_there(both):
     chain, alone, context = grown(both, FRICTION, BIAS)
-    before, after = ([fit.candidate.residual(part) for part in context.held_out]
-                     for fit in (alone, chain.fit))
+    before, after = (residuals(fit.candidate, context.held_out) for fit in (alone, chain.fit))
     n = sum(map(len, after)) - 6 * len(after)
     ratio = np.mean(np.square(np.concatenate(before))) / np.mean(np.square(np.concatenate(after)))
     # The noise is white, so that whitening by its memory changes little.

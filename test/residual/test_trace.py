@@ -361,9 +361,9 @@ def test_the_verb_keeps_its_contract(files, tmp_path, capsys):
 
     # The repaired model is the one the report speaks of, and it is better on the bag.
     model = read_model(out / 'model.yaml')
-    (placed,) = model.placed
+    (placed,) = model.effects
     assert placed.named['coulomb'] == effect['parameters']['coulomb']['value']
-    assert model.promised('free_run') == report['after']['free_run']['test']
+    assert model.record.promised('free_run') == report['after']['free_run']['test']
     linear = tmp_path / 'linear.yaml'
     assert verb(capsys, 'refit', files / 'bag', '--plant', PLANT.name, '-o', linear)[0] == 0
     before = verb(capsys, 'replay', files / 'bag', '--model', linear)[1]
@@ -377,7 +377,7 @@ def test_the_verb_keeps_its_contract(files, tmp_path, capsys):
     assert again['verdict'] == 'nothing_missing'
     assert again['before']['free_run']['test'] == pytest.approx(
         report['after']['free_run']['test'], rel=0.02)
-    assert read_model(tmp_path / 'again' / 'model.yaml').placed[0].effect.id == 'friction'
+    assert read_model(tmp_path / 'again' / 'model.yaml').effects[0].effect.id == 'friction'
 
 
 @pytest.mark.parametrize(('arguments', 'says'), [

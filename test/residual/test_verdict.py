@@ -6,7 +6,7 @@ import pytest
 from scipy.signal import lfilter
 from trace_by_hand import candidate, evidence, parts
 
-from hydro_twin.fitting.candidate import Part
+from hydro_twin.fitting.parts import Part
 from hydro_twin.plants import plant_named
 from hydro_twin.report.summary import remainder_sentence, summarise
 from hydro_twin.residual.chain import Finding

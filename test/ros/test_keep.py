@@ -17,7 +17,7 @@ from ros_rig import ended, process, Rig, twin  # noqa: E402
 from sensor_msgs.msg import JointState  # noqa: E402
 from std_msgs.msg import Empty, String  # noqa: E402
 
-from hydro_twin.model import Estimate, Model, write_model  # noqa: E402
+from hydro_twin.model import Model, Record, Uncertainty, write_model  # noqa: E402
 from hydro_twin.recording.read import read_recording  # noqa: E402
 from hydro_twin.recording.signals import load_signals  # noqa: E402
 from hydro_twin.store.store import Store  # noqa: E402
@@ -35,10 +35,9 @@ KEEP = '/hydro_twin_keep'
 
 def make_model(path: Path) -> Path:
     """Write the model of the rig as it was made, without friction."""
-    write_model(Model(PLANT, {name.name: Estimate(VALUES[name.name], 0.01 * VALUES[name.name])
-                              for name in PLANT.parameters},
-                      PLANT.constant_values(), STEP,
-                      errors={'after': {'free_run': {'test': NOISE}}}), path)
+    uncertainty = {p.name: Uncertainty(std_error=0.01 * VALUES[p.name]) for p in PLANT.parameters}
+    write_model(Model(PLANT, PLANT.constant_values() | VALUES, STEP, record=Record(
+        uncertainty, {'after': {'free_run': {'test': NOISE}}})), path)
     return path
 
 
@@ -88,9 +87,9 @@ def test_an_effect_appears_and_a_model_that_names_it_runs(rig: Rig, tmp_path: Pa
             assert promoted['by'] == 'keep, policy auto'
             champion = store.champion
             assert champion.name == promoted['version'] == '0002'
-            (effect,) = champion.model().effects
-            assert effect.placed.effect.id == 'friction'
-            assert effect.placed.named['coulomb'] == pytest.approx(COULOMB, rel=0.1)
+            (placed,) = champion.model().effects
+            assert placed.effect.id == 'friction'
+            assert placed.named['coulomb'] == pytest.approx(COULOMB, rel=0.1)
             rig.until(lambda: parameter(rig, 'model') == str(champion.model_file),
                       'the twin is set to it', PATIENCE)
             rig.until(lambda: happened(events, 'confirmed'), 'it is confirmed', PATIENCE)

@@ -35,7 +35,7 @@ from sensor_msgs.msg import JointState  # noqa: E402
 from std_msgs.msg import String  # noqa: E402
 from std_srvs.srv import Trigger  # noqa: E402
 
-from hydro_twin.model import Estimate, load_predictor, Model, Noise, write_model  # noqa: E402
+from hydro_twin.model import load_predictor, Model, Noise, Record, write_model  # noqa: E402
 from hydro_twin.plants import plant_named  # noqa: E402
 from hydro_twin.predictors.analytical import Analytical  # noqa: E402
 from hydro_twin.recording.read import read_recording  # noqa: E402
@@ -59,9 +59,8 @@ NOISE = Noise(1.0, {'x_v': 1e-6, 'p_L': 1e5, 'omega_j': 0.1},
 
 def make_model(path: Path, **changes: float) -> Path:
     values = {p.name: (p.lower * p.upper)**0.5 for p in PLANT.parameters} | changes
-    write_model(Model(PLANT, {n: Estimate(v) for n, v in values.items()},
-                      PLANT.constant_values(), PLANT.sample_time, noise=NOISE,
-                      errors={'after': {m: {'test': 3.0} for m in MODES}}),
+    write_model(Model(PLANT, PLANT.constant_values() | values, PLANT.sample_time, noise=NOISE,
+                      record=Record(errors={'after': {m: {'test': 3.0} for m in MODES}})),
                 path)
     return path
 

@@ -14,7 +14,7 @@ from rclpy.parameter import Parameter  # noqa: E402,I100
 from ros_rig import own_domain  # noqa: E402
 
 from hydro_twin.errors import UserError  # noqa: E402
-from hydro_twin.model import Estimate, Model, write_model  # noqa: E402
+from hydro_twin.model import Model, write_model  # noqa: E402
 from hydro_twin.plants import plant_named  # noqa: E402
 from hydro_twin.ros.node import TwinNode  # noqa: E402
 
@@ -49,9 +49,9 @@ def model(tmp_path: Path) -> Path:
 
 def write(folder: Path, name: str) -> Path:
     plant = plant_named(name)
-    values = {p.name: Estimate((p.lower + p.upper) / 2) for p in plant.parameters}
+    values = {p.name: (p.lower + p.upper) / 2 for p in plant.parameters}
     path = folder / f'{name}.yaml'
-    write_model(Model(plant, values, plant.constant_values(), plant.sample_time), path)
+    write_model(Model(plant, plant.constant_values() | values, plant.sample_time), path)
     return path
 
 

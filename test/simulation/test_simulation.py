@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 
-from hydro_twin.model import Estimate, FittedEffect, Model, place
+from hydro_twin.model import Model, place
 from hydro_twin.plants import PLANTS
 from hydro_twin.predictors.analytical import Analytical
 from hydro_twin.simulation.simulate import simulate
@@ -117,8 +117,7 @@ def test_the_predictors_kernel_agrees_within_its_tolerance(effect, tolerance):
     """
     series = rig([effect], 1.5)
     placed = place(*effect, RIG)
-    model = Model(RIG, {name: Estimate(value) for name, value in VECTOR.items()}, {'D_m': D_M}, T,
-                  effects=(FittedEffect(placed),))
+    model = Model(RIG, {**VECTOR, 'D_m': D_M}, T, (placed,))
     error = Analytical(model).free_run(series) - series['T_g']
     linear = rig((), 1.5)['T_g'] - series['T_g']
     size = np.sqrt(np.mean(series['T_g'] ** 2))
@@ -187,8 +186,7 @@ def test_every_plant_can_be_simulated_and_replayed(name):
     T = plant.sample_time
     inputs = {s.name: lambda t: 0.1 * np.sin(2 * np.pi * 0.006 / T * t) for s in plant.inputs}
     series = simulate(plant, values | plant.constant_values(), (), inputs, 200 * T)
-    model = Model(plant, {n: Estimate(v) for n, v in values.items()}, plant.constant_values(),
-                  plant.sample_time)
+    model = Model(plant, values | plant.constant_values(), plant.sample_time)
     size = np.abs(series[plant.output.name]).max()
     error = Analytical(model).free_run(series) - series[plant.output.name]
     # Held inputs leave nothing to chance; what moves between the samples does.

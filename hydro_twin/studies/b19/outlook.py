@@ -113,7 +113,7 @@ def predictors(
     plant, constants = rig.plant, rig.constants
     parts = {name: make_part(name, recording, plant) for name, recording in tests.items()}
     factor = make_part('training', train, plant).factor
-    empty = Model(plant, {}, constants, train.sample_time, 'mlp')
+    empty = Model(plant, constants, train.sample_time, kind='mlp')
     found: dict[str, Errors] = {
         'persistence': {name: {'one_step': [part.factor.persistence()]}
                         for name, part in parts.items()},

@@ -138,7 +138,7 @@ def physics(job: Job) -> dict[str, Any]:
     fits = {name: fit_physics(Task(job.recordings['train'], plant, constants, criterion, seed, {}),
                               method) for name, (method, criterion, seed) in asked.items()}
     sample_time = job.recordings['train'].sample_time
-    models = {name: Model(plant, fit.estimates, constants, sample_time)
+    models = {name: Model(plant, {**constants, **fit.values}, sample_time)
               for name, fit in fits.items()}
     return {name: {'parameters': {key: p.value for key, p in model.parameters.items()},
                    'errors': errors_of(Analytical(model), job.recordings)}

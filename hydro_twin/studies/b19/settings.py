@@ -23,7 +23,7 @@ def network_models(
     factor = make_part('training', train, plant).factor
     best = fit_one_step('least_squares', factor,
                         coefficients_of(plant, constants, train.sample_time), plant, seed).best
-    return {'mlp': Model(plant, {}, constants, train.sample_time, 'mlp'),
+    return {'mlp': Model(plant, constants, train.sample_time, kind='mlp'),
             'hybrid': model_of('hybrid', best, plant, constants, train.sample_time)}
 
 

@@ -9,13 +9,13 @@ import numpy as np
 from scipy.stats import mannwhitneyu
 
 from hydro_twin.errors import DataError
-from hydro_twin.fitting.candidate import parts_of
 from hydro_twin.fitting.coefficients import coefficients_of
 from hydro_twin.fitting.network import Job, SETTINGS, train_many
+from hydro_twin.fitting.parts import parts_of
 from hydro_twin.fitting.refit import network_problem
 from hydro_twin.fitting.regression import Regression, regression
 from hydro_twin.fitting.search import SearchResult
-from hydro_twin.model import Estimate, Model
+from hydro_twin.model import Model
 from hydro_twin.plants import Plant
 from hydro_twin.plants.plant import FloatArray
 from hydro_twin.predictors.analytical import Analytical
@@ -125,7 +125,7 @@ def study(
             collect(method, (analytical_run(result, parts, model)
                              for result, model in zip(fits[method], models, strict=True)))
     base = model_of('hybrid', fits['least_squares'][0].best, plant, constants, sample_time)
-    mlp = Model(plant, {}, constants, sample_time, 'mlp')
+    mlp = Model(plant, constants, sample_time, kind='mlp')
     collect('mlp', network_runs(mlp, settings['mlp'], parts, seeds, device))
     collect('hybrid', network_runs(base, settings['hybrid'], parts, seeds, device))
     best = parts['train'].factor.best()
@@ -154,9 +154,8 @@ def model_of(
     sample_time: float,
 ) -> Model:
     """Make a model of parameters in the plant's order, shape (d,), at a sample time [s]."""
-    estimates = {p.name: Estimate(float(value))
-                 for p, value in zip(plant.parameters, values, strict=True)}
-    return Model(plant, estimates, constants, sample_time, kind)
+    parameters = dict(zip((p.name for p in plant.parameters), values.tolist(), strict=True))
+    return Model(plant, {**constants, **parameters}, sample_time, kind=kind)
 
 
 def analytical_run(

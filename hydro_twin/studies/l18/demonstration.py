@@ -77,7 +77,7 @@ def simulated_steps(levels: Sequence[float], curve: FlowCharacteristic) -> Serie
     last = len(levels) - 1
     held = np.array(levels)
     return simulate(
-        model.plant, model.values, model.placed,
+        model.plant, model.values, model.effects,
         {'command': lambda t: held[np.minimum((t / HOLD + 1e-9).astype(int), last)]},
         duration=HOLD * len(levels), start=BEGIN)
 

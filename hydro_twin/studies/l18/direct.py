@@ -8,9 +8,9 @@ import numpy as np
 from scipy.optimize import least_squares
 
 from hydro_twin.errors import DataError
-from hydro_twin.fitting.candidate import parts_of
 from hydro_twin.fitting.free_run import fit_linear
 from hydro_twin.fitting.identifiability import assess
+from hydro_twin.fitting.parts import parts_of
 from hydro_twin.model import Estimate
 from hydro_twin.plants.valve_servo import VALVE_SERVO
 from hydro_twin.recording.series import FloatArray, Recording
@@ -121,6 +121,6 @@ def _estimates(values: Mapping[str, float], relative: Mapping[str, float | None]
                ) -> dict[str, Estimate]:
     """Put values and relative standard errors together; None: the data do not tell it."""
     errors = {name: relative[name] for name in NAMES}
-    return {name: Estimate(values[name], None if error is None else values[name] * error,
-                           error is not None)
+    return {name: Estimate(values[name], identifiable=error is not None,
+                           std_error=None if error is None else values[name] * error)
             for name, error in errors.items()}

@@ -2,8 +2,8 @@
 from __future__ import annotations
 
 from hydro_twin.errors import DataError, UserError
-from hydro_twin.fitting.physics import held_estimates, Method, Physics, Task
-from hydro_twin.model import Estimate
+from hydro_twin.fitting.physics import as_known, Method, Physics, Task
+from hydro_twin.model import Uncertainty
 from hydro_twin.plants.valve_servo import VALVE_SERVO
 from hydro_twin.studies.l18.direct import NAMES
 from hydro_twin.studies.l18.linear_loop import PUBLISHED
@@ -33,9 +33,10 @@ def fit_network(task: Task) -> Physics:
         raise DataError('the weights of the network are of no servo: the nearest has T_c/k_1 '
                         f'{found.parameters.T_c / k_1:.3g} s, the edge of the search box; '
                         '--method least_squares fits the parameters themselves')
-    estimates = {name: Estimate(getattr(found.parameters, name),
-                                identifiable=name not in found.at_edge) for name in NAMES}
-    return Physics({**estimates, **held_estimates({'k_1': k_1})}, None)
+    return Physics(
+        {**{name: getattr(found.parameters, name) for name in NAMES}, 'k_1': k_1},
+        {name: Uncertainty(identifiable=name not in found.at_edge) for name in NAMES}
+        | as_known(['k_1']), None)
 
 
 NETWORK = Method('network', fit_network)

@@ -5,17 +5,16 @@ from dataclasses import replace
 from pathlib import Path
 
 from hydro_twin.errors import ModelError
-from hydro_twin.model import Estimate, Model, read_model
+from hydro_twin.fitting.physics import as_known
+from hydro_twin.model import Model, read_model, Record
 from hydro_twin.plants.valve_servo import VALVE_SERVO
 from hydro_twin.studies.l18.linear_loop import PUBLISHED
 
 
 def published() -> Model:
     """Make the servo with the linear parameters of [L18]; k_1 is taken as known."""
-    T_y, T_c, tau, k_1 = (Estimate(value) for value in PUBLISHED)
-    parameters = {'T_y': T_y, 'T_c': T_c, 'tau': tau,
-                  'k_1': replace(k_1, identifiable=False, held=True)}
-    return Model(VALVE_SERVO, parameters, {}, VALVE_SERVO.sample_time)
+    return Model(VALVE_SERVO, PUBLISHED._asdict(), VALVE_SERVO.sample_time,
+                 record=Record(as_known(['k_1'])))
 
 
 def read_servo(path: Path) -> Model:
@@ -39,7 +38,7 @@ def without_nonlinear_factors(model: Model) -> Model:
     stays.
     """
     least = {p.name: p.lower for p in VALVE_SERVO.parameters}
-    parameters = {**model.parameters, 'tau': Estimate(least['tau'])}
-    if parameters['k_1'].held:
-        parameters['k_1'] = Estimate(1.0)
-    return replace(model, parameters=parameters, effects=())
+    values = {**model.values, 'tau': least['tau']}
+    if model.parameters['k_1'].held:
+        values['k_1'] = 1.0
+    return replace(model, values=values, effects=(), record=Record())

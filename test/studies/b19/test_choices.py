@@ -29,7 +29,7 @@ def test_the_model_without_physics_is_a_difference_equation() -> None:
     u[:5] = theta[:5] = 0.0
     y = (lfilter(b, np.r_[1.0, -a], u) + lfilter(e, np.r_[1.0, -a], theta))
     series = Series({'u_m': u, 'theta_d': theta, 'T_g': y}, 0.002)
-    arx = Arx(Model(LOAD_SIMULATOR, {}, {'D_m': 2e-5}, 0.002, 'mlp'), np.r_[a, b, e])
+    arx = Arx(Model(LOAD_SIMULATOR, {'D_m': 2e-5}, 0.002, kind='mlp'), np.r_[a, b, e])
     np.testing.assert_allclose(arx.free_run(series), y, atol=1e-12)
     np.testing.assert_allclose(arx.one_step(series)[5:], y[5:], atol=1e-12)
     assert np.isnan(arx.one_step(series)[:5]).all()

@@ -1,0 +1,85 @@
+"""The free runs of a model over parts, from the states that show there, and their errors."""
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from hydro_twin.fitting.parts import Part
+from hydro_twin.fitting.start import find_start, Start, without_start
+from hydro_twin.model import Model
+from hydro_twin.plants.plant import FloatArray
+from hydro_twin.predictors.scores import rms
+from hydro_twin.predictors.sensitivities import NONE, run_with_slopes, Tangent, tangent_of
+
+
+def initial_states(model: Model, parts: Sequence[Part]) -> list[Start]:
+    """Find the state at the begin of each part that its first samples show."""
+    system, tangents, found = model.system, start_tangents(model), []
+    lengths = [part.beginning(model.start_up) for part in parts]
+    response = system.free_response(max(lengths))
+    for part, n in zip(parts, lengths, strict=True):
+        least = max(1e-3 * rms(part.measured), 1e-12)
+        (stage, *_), *_ = system.stretches(1, part.start)
+        found.append(find_start(system.stages[stage], tangents[stage], response[:n],
+                                part.inputs[:n], part.measured[:n], least))
+    return found
+
+
+def start_tangents(model: Model) -> tuple[Tangent, ...]:
+    """Derive a step of each stage of the system by the state at the start."""
+    return tuple(tangent_of(system, NONE) for system in model.system.stages)
+
+
+def usual_response(model: Model) -> FloatArray:
+    """RMS of the output's response to the state at the start, linear laws, (n,)."""
+    response: FloatArray = np.sqrt(np.mean(
+        model.system.free_response(model.start_up)**2, axis=0))
+    return response
+
+
+def free_run(model: Model, part: Part, seen: FloatArray | None = None) -> FloatArray:
+    """Run freely over a part, from the state that its first samples show; (N,).
+
+    What passes at the ports is written to `seen`, see `System.run`.
+    """
+    start, = initial_states(model, [part])
+    return model.system.run(part.inputs, start.x, start.z, seen, part.start)
+
+
+def residuals(model: Model, parts: Sequence[Part]) -> list[FloatArray]:
+    """Measured less free run over the scored samples of each part, (N - start-up,)."""
+    return [(part.measured - model.system.run(part.inputs, start.x, start.z, start=part.start))[
+        model.start_up:] for part, start in zip(parts, initial_states(model, parts), strict=True)]
+
+
+def fitted_residuals(model: Model, parts: Sequence[Part]) -> list[FloatArray]:
+    """Find the residual of each part that is left if the whole of it shows its start.
+
+    See `without_start`. What is not fitted has only its first samples to go by.
+    """
+    found, tangents, usual = [], start_tangents(model), usual_response(model)
+    for part, start in zip(parts, initial_states(model, parts), strict=True):
+        y, slopes = run_with_slopes(model.system, NONE, tangents, part.inputs, start.x, start.z,
+                                    part.start)
+        found.append(without_start(part.measured - y, slopes, usual, model.start_up).residual)
+    return found
+
+
+def residuals_from(model: Model, parts: Sequence[Part], states: Sequence[FloatArray]
+                   ) -> list[FloatArray]:
+    """Find the residuals of runs from given states, less what others explain by linear laws.
+
+    A quicker `fitted_residuals`, to compare many effects: no start is searched, and what effects
+    keep is zero at first.
+
+    Args:
+        model: what is run.
+        parts: what it is run over.
+        states: at the begin of each, (n,).
+    """
+    system, usual = model.system, usual_response(model)
+    response = system.free_response(max(len(part.measured) for part in parts))
+    return [without_start(part.measured - system.run(part.inputs, x, start=part.start),
+                          response[:len(part.measured)], usual, model.start_up).residual
+            for part, x in zip(parts, states, strict=True)]

@@ -1,0 +1,83 @@
+"""The stretches of a recording that a fit runs over."""
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+import math
+
+import numpy as np
+
+from hydro_twin.errors import DataError
+from hydro_twin.plants import Plant
+from hydro_twin.plants.plant import FloatArray
+from hydro_twin.recording.series import Recording
+
+STILL = 0.1             # of the movement of a part: its begin is longer where it moves less
+LOST = 10.0             # and less than so many times the noise
+LONGEST = 8             # times the start-up of the plant
+SCORED = 20             # least samples scored: some for each parameter, and for the noise
+
+
+@dataclass(frozen=True)
+class Part:
+    """An uninterrupted stretch that a run covers: inputs (N, m), output measured (N,).
+
+    Attributes:
+        source: the bag that it comes from.
+        start: stamp of the first sample [ns].
+    """
+
+    inputs: FloatArray
+    measured: FloatArray
+    source: str = ''
+    start: int = 0
+
+    def cut(self, first: int, last: int, sample_time: float) -> Part:
+        """Take the samples from the first up to the last, which is not among them."""
+        return replace(self, inputs=self.inputs[first:last], measured=self.measured[first:last],
+                       start=self.start + first * round(1e9 * sample_time))
+
+    def beginning(self, start_up: int) -> int:
+        """How many samples show the state at the start: more where it hardly moves at first.
+
+        Within a gap, nothing tells where until a side is met.
+
+        Args:
+            start_up: of the plant [samples].
+        """
+        noise = np.std(np.diff(self.measured, 2)) / math.sqrt(6.0)
+        still = min(STILL * np.std(self.measured), LOST * noise)
+        longest = min(LONGEST * start_up, len(self.measured) // 2)
+        n = min(start_up, len(self.measured))
+        while n < longest and np.std(self.measured[:n]) <= still:
+            n *= 2
+        return n
+
+
+def parts_of(recording: Recording, plant: Plant) -> list[Part]:
+    """Stack the columns of each series that is long enough to start a run and score it.
+
+    Raises:
+        DataError: no series is long enough, or the output never moves, or is not finite.
+    """
+    parts = [
+        Part(np.column_stack([series[signal.name] for signal in plant.inputs]),
+             np.ascontiguousarray(series[plant.output.name]), series.source, series.start)
+        for series in recording.series if len(series) >= least_samples(plant, series.sample_time)]
+    if not parts:
+        longest = max(recording.series, key=len, default=None)
+        raise DataError(
+            'there is no series' if longest is None else
+            f'no series is long enough: the longest has {len(longest)} samples, '
+            f'{least_samples(plant, longest.sample_time)} are needed')
+    if not all(np.isfinite(part.inputs).all() and np.isfinite(part.measured).all()
+               for part in parts):
+        raise DataError('the recording holds values that are not finite')
+    if all(np.ptp(part.measured) == 0.0 for part in parts):
+        raise DataError(f'{plant.output.name} never moves in the recording')
+    return parts
+
+
+def least_samples(plant: Plant, sample_time: float) -> int:
+    """Count the samples that a series must have to be fitted: as many scored as for its start."""
+    start_up = plant.start_samples(sample_time)
+    return start_up + max(start_up, SCORED)
