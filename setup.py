@@ -55,6 +55,7 @@ setup(
         'rosbags>=0.11.9,<0.12',   # its files and its decompression are not for others: bag.py
         'safetensors>=0.4',
         'scipy>=1.11',
+        'threadpoolctl>=3.1',
     ],
     extras_require={
         'ros': ['ros-jazzy-rclpy[fastrtps]', 'ros-jazzy-common-interfaces'],

@@ -29,6 +29,7 @@ KEYS = {   # name of the distribution -> rosdep key, where there is one
     'rosbags': 'python3-rosbags-pip',
     'safetensors': None,
     'scipy': 'python3-scipy',
+    'threadpoolctl': None,
 }
 ROS = {'rclpy', 'builtin_interfaces', 'diagnostic_msgs', 'lifecycle_msgs', 'rcl_interfaces',
        'rosgraph_msgs', 'sensor_msgs', 'std_msgs', 'std_srvs', 'ament_index_python', 'launch',
