@@ -61,7 +61,7 @@ setup(
         'ros': ['ros-jazzy-rclpy[fastrtps]', 'ros-jazzy-common-interfaces'],
         'learn': ['torch>=2.2'],
         'fleet': ['bokeh>=3.1', 'distributed>=2024.8', 'pyarrow>=15'],   # bokeh: the dashboard
-        'test': ['hypothesis', 'pytest'],   # by which colcon test knows what to run
+        'test': ['hypothesis', 'jsonschema', 'pytest'],   # by which colcon test knows what to run
     },
     entry_points={
         'console_scripts': [f'hydro-twin = {NAME}.commands.main:main'],
