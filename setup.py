@@ -55,12 +55,13 @@ setup(
         'rosbags>=0.11.9,<0.12',   # its files and its decompression are not for others: bag.py
         'safetensors>=0.4',
         'scipy>=1.11',
+        'threadpoolctl>=3.1',
     ],
     extras_require={
         'ros': ['ros-jazzy-rclpy[fastrtps]', 'ros-jazzy-common-interfaces'],
         'learn': ['torch>=2.2'],
         'fleet': ['bokeh>=3.1', 'distributed>=2024.8', 'pyarrow>=15'],   # bokeh: the dashboard
-        'test': ['hypothesis', 'pytest'],   # by which colcon test knows what to run
+        'test': ['hypothesis', 'jsonschema', 'pytest'],   # by which colcon test knows what to run
     },
     entry_points={
         'console_scripts': [f'hydro-twin = {NAME}.commands.main:main'],

@@ -5,7 +5,8 @@
 The load simulator (4 states) with dry friction, 10 unknowns, 5000 samples. Times are those of the
 processor, on one core, best of three; compilation is told apart. scipy's least_squares takes
 forward differences of the same compiled run; its unknowns are the same, and the state at the start
-with them.
+with them. At last the search with as many threads of BLAS as there are cores: run it without
+OPENBLAS_NUM_THREADS.
 """
 from __future__ import annotations
 
@@ -15,7 +16,9 @@ from typing import Any
 
 import numpy as np
 from scipy.optimize import least_squares
+from threadpoolctl import threadpool_info
 
+from hydro_twin.blas import one_thread
 from hydro_twin.effects import Placed
 from hydro_twin.fitting.free_run import Problem
 from hydro_twin.fitting.output_error import initial_states
@@ -89,6 +92,15 @@ def by_scipy(fit: Problem) -> Any:
 def main() -> None:
     """Print the figures."""
     fit = problem()
+    with one_thread():
+        own = alone(fit)
+    threads = {pool['num_threads'] for pool in threadpool_info() if pool['user_api'] == 'blas'}
+    other, _ = timed(lambda: fit.search(40, 1e-6), 1)
+    print(f'with {max(threads)} threads of BLAS {other:.2f} s, {other / own:.1f} times as long')
+
+
+def alone(fit: Problem) -> float:
+    """Print the figures of one core; returns the time of the search [s]."""
     part, = fit.parts
     system = fit.base.system
     x, z = np.zeros(PLANT.order), np.zeros(system.memory)
@@ -112,6 +124,7 @@ def main() -> None:
           f'{own:.2f} s to an error of {np.sqrt(np.mean(found.residual ** 2)):.4f} '
           f'({found.reason}); scipy with differences {other:.2f} s to {error:.4f}, '
           f'{there.nfev} steps: {other / own:.1f} times as long')
+    return own
 
 
 if __name__ == '__main__':

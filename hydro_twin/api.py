@@ -6,6 +6,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, TYPE_CHECKING
 
+from hydro_twin.blas import one_thread
 from hydro_twin.errors import UserError
 from hydro_twin.fitting import refit as fitting
 from hydro_twin.fitting.horizon import horizon_errors
@@ -223,6 +224,7 @@ def trace(data: Data, model: Model | None = None, seed: int = 0, *,
     return Trace(result, data.provenance(seed, command))
 
 
+@one_thread()
 def replay(data: Data, model: Model | Predictor) -> Replay:
     """Run a model over a recording, in every mode that it has.
 

@@ -29,6 +29,7 @@ KEYS = {   # name of the distribution -> rosdep key, where there is one
     'rosbags': 'python3-rosbags-pip',
     'safetensors': None,
     'scipy': 'python3-scipy',
+    'threadpoolctl': None,
 }
 ROS = {'rclpy', 'builtin_interfaces', 'diagnostic_msgs', 'lifecycle_msgs', 'rcl_interfaces',
        'rosgraph_msgs', 'sensor_msgs', 'std_msgs', 'std_srvs', 'ament_index_python', 'launch',
@@ -175,6 +176,16 @@ def test_colcon_finds_the_tests():
                   if word.arg == 'extras_require')
     assert 'pytest' in extras['test']
     assert {f'python3-{name}' for name in extras['test']} <= manifest('test_depend')
+    # And can import them with what is declared: one that it cannot ends the run.
+    declared = {*extras['test'], *KEYS, *ROS, 'yaml', 'hydro_twin', 'benchmarks',
+                *(path.stem for path in (ROOT / 'test').rglob('*.py'))}
+    for path in (ROOT / 'test').rglob('*.py'):
+        tree = ast.parse(path.read_text('utf-8'))
+        names = {name for node in tree.body if isinstance(node, ast.Import | ast.ImportFrom)
+                 for name in ([node.module] if isinstance(node, ast.ImportFrom)
+                              else [alias.name for alias in node.names])}
+        foreign = {name.partition('.')[0] for name in names} - {*sys.stdlib_module_names}
+        assert not foreign - declared or 'importorskip' in path.read_text('utf-8'), path
 
 
 def test_the_manifest_names_what_ros_tools_look_for():

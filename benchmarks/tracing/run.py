@@ -10,6 +10,7 @@ from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import as_completed, ProcessPoolExecutor
 import json
 from multiprocessing import get_context
+import os
 from pathlib import Path
 import time
 import traceback
@@ -22,6 +23,7 @@ from benchmarks.tracing.cases import BLOCK, case_of, cases, FIRST_SEED, KINDS
 from benchmarks.tracing.figures import read, report
 from benchmarks.tracing.linear_fit import shows
 from benchmarks.tracing.true_fit import error_on_test, shows_beside, true_fit
+from hydro_twin.blas import ENVIRONMENT
 
 if TYPE_CHECKING:
     from hydro_twin.plants import Plant
@@ -74,6 +76,7 @@ def complete(output: Path, seeds: Sequence[int], trace_one: TraceOne, workers: i
 
 def traced(seeds: Sequence[int], trace_one: TraceOne, workers: int) -> Iterator[dict[str, Any]]:
     """Trace the rigs in that many processes, in whatever order they finish."""
+    os.environ.update(ENVIRONMENT)
     with ProcessPoolExecutor(workers, get_context('spawn')) as pool, \
             Progress(console=Console(stderr=True)) as progress:
         task = progress.add_task('tracing', total=len(seeds))

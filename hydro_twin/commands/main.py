@@ -15,6 +15,7 @@ import os
 import sys
 from typing import NoReturn
 
+from hydro_twin.blas import ENVIRONMENT
 from hydro_twin.commands.registry import verb_named, verbs
 from hydro_twin.commands.verb import Command, RosVerb, Verb
 from hydro_twin.errors import UserError
@@ -50,8 +51,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         The exit status: 0, 2 after an error of the user's, 130 when interrupted, 1 after any
         other error, which is a defect of ours.
     """
-    # The matrices here are small: threads of BLAS would cost more than they give.
-    os.environ.setdefault('OPENBLAS_NUM_THREADS', '1')
+    os.environ.update({**ENVIRONMENT, **os.environ})
     argv = list(sys.argv[1:] if arguments is None else arguments)
     verb = argv[0] if argv and not argv[0].startswith('-') else ''
     try:

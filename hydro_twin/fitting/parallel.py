@@ -23,6 +23,7 @@ from time import perf_counter
 import traceback
 from typing import Any
 
+from hydro_twin.blas import ENVIRONMENT, one_thread
 from hydro_twin.errors import WorkerError
 
 WORTH = 2.0             # s of work that is left, from which workers start: what one costs to
@@ -83,13 +84,14 @@ _within = _Within()
 
 @contextmanager
 def on_one_core() -> Iterator[None]:
-    """Keep to this process: what this thread calls within spreads nothing.
+    """Keep to one core: what this thread calls within spreads nothing, nor does BLAS.
 
     For the tasks of an engine that has as many workers as there are cores.
     """
     before, _within.item = _within.item, True
     try:
-        yield
+        with one_thread():
+            yield
     finally:
         _within.item = before
 
@@ -172,7 +174,8 @@ class _Worker:
         with there:
             self.process = subprocess.Popen(
                 [sys.executable, '-c', code], pass_fds=[there.fileno()],
-                stdin=subprocess.DEVNULL, stdout=subprocess.DEVNULL)
+                stdin=subprocess.DEVNULL, stdout=subprocess.DEVNULL,
+                env={**os.environ, **ENVIRONMENT})
         Thread(target=self.feed, name='feeds a worker', daemon=True).start()
 
     def feed(self) -> None:

@@ -6,6 +6,7 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
+from hydro_twin.blas import one_thread
 from hydro_twin.effects import Placed
 from hydro_twin.errors import UserError
 from hydro_twin.files import write_whole
@@ -166,6 +167,7 @@ class Refit:
         }
 
 
+@one_thread()
 def refit(train: Recording, test: Recording, plant: Plant, constants: Mapping[str, float],
           request: Request, provenance: Mapping[str, Any], show: Progress = silent) -> Refit:
     """Fit a model to a recording, and score it on both parts.

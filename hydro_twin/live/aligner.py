@@ -159,8 +159,7 @@ class Aligner:
         ready = True
         for track in self.tracks:
             after = track.after
-            until = due + self._rounding if track.held else due
-            while after and after[0][0] <= until:
+            while after and after[0][0] <= due:
                 if track.breaks(after[0][0]):
                     return None
                 track.before = after.popleft()
@@ -180,6 +179,10 @@ class Aligner:
         """Take the values of all signals at a grid time."""
         self.measured = math.nan
         for track in self.tracks:
+            # Not before all are there: where a gap of another prevents this sample, the next
+            # series would begin later.
+            if track.held and track.after and track.after[0][0] <= due + self._rounding:
+                track.before = track.after.popleft()
             if track.before is None:
                 continue   # the output before it has come for the first time
             stamp, value = track.before

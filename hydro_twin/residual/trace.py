@@ -6,6 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from hydro_twin.blas import one_thread
 from hydro_twin.fitting.free_run import Fit, fit_linear
 from hydro_twin.fitting.horizon import errors_over_horizon
 from hydro_twin.fitting.parts import least_samples, Part, parts_of
@@ -71,6 +72,7 @@ EVERY = 1000            # effects fitted in full in the first round
 LIKELY = 0.05           # p-value below which the named effects may not explain everything
 
 
+@one_thread()
 def trace(recording: Recording, test: Recording | None, plant: Plant,
           constants: Mapping[str, float] | None = None, model: Model | None = None,
           seed: int = 0, progress: Callable[[str], None] = lambda _: None) -> TraceResult:

@@ -16,6 +16,15 @@ def inner(_):
     return len({pid for _, pid in in_processes(slow, range(4))}), os.getpid()
 
 
+def threads_of_blas(_):
+    """Return the numbers of threads that the libraries here have, and the process."""
+    import scipy.linalg  # noqa: F401
+    from threadpoolctl import threadpool_info
+
+    time.sleep(0.02)
+    return {pool['num_threads'] for pool in threadpool_info()}, os.getpid()
+
+
 def divide(k):
     time.sleep(0.02)
     return 1 / k

@@ -10,7 +10,7 @@ import sys
 import time
 from typing import Any
 
-from parallel_work import divide, forked, inner, one_dies, slow
+from parallel_work import divide, forked, inner, one_dies, slow, threads_of_blas
 import pytest
 
 from hydro_twin.effects import EFFECTS, Placed
@@ -52,6 +52,21 @@ def test_a_worker_has_no_workers():
     results = list(in_processes(inner, range(6)))
     assert [count for count, _ in results] == [1] * 6
     assert len({pid for _, pid in results}) > 1
+
+
+@several
+def test_a_worker_has_one_thread_of_blas(monkeypatch):
+    pool = parallel._Pool()
+    monkeypatch.setattr(parallel, '_pool', pool)
+    monkeypatch.setenv('OPENBLAS_NUM_THREADS', '3')
+    try:
+        wait_for_workers()
+        results = list(in_processes(threads_of_blas, range(12)))
+    finally:
+        parallel._end()
+    of_workers = [threads for threads, pid in results if pid != os.getpid()]
+    assert of_workers
+    assert all(threads == {1} for threads in of_workers)
 
 
 def test_an_error_comes_in_its_turn():

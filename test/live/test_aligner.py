@@ -100,6 +100,15 @@ def test_the_order_of_topics_does_not_matter(events: list[tuple[int, str, float]
     assert longer[:len(shorter)] == shorter
 
 
+def test_a_command_a_rounding_error_after_the_grid_delays_no_series() -> None:
+    """After a pause the position comes last, when its gap is not known yet."""
+    stamps = [k * STEP for k in (*range(41), *range(71, 120))]
+    events = sorted([(s + 1, 'u', float(s)) for s in stamps] + [(s, 'd', 0.0) for s in stamps]
+                    + [(s, 'y', 0.0) for s in stamps if s // STEP % 2 == 0])
+    arrived = sorted(events, key=lambda e: e[0] + (e[1] == 'd') * 5 * STEP)
+    assert run(arrived) == run(events) == offline(events)
+
+
 def regular(name: str, ks: range, value: float = 1.0) -> list[tuple[int, str, float]]:
     return [(k * STEP, name, value) for k in ks]
 

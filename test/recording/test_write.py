@@ -3,18 +3,22 @@ from itertools import pairwise
 from bags_by_hand import rig, STORE, write_bag
 from hypothesis import given, HealthCheck, settings
 from hypothesis import strategies as st
-from mcap.reader import make_reader
-from mcap_ros2.decoder import DecoderFactory
 import numpy as np
 import pytest
 from rosbags.highlevel import AnyReader
 
-from hydro_twin.errors import BagError, DataError
-from hydro_twin.recording.bag import read_signals
-from hydro_twin.recording.read import read_recording
-from hydro_twin.recording.series import Series, StampedSeries
-from hydro_twin.recording.signals import load_signals, SignalMap
-from hydro_twin.recording.write import add_to_copy, write_recording
+for library in ('mcap', 'mcap_ros2'):       # which have no rosdep key
+    pytest.importorskip(library)
+
+from mcap.reader import make_reader  # noqa: E402,I100
+from mcap_ros2.decoder import DecoderFactory  # noqa: E402
+
+from hydro_twin.errors import BagError, DataError  # noqa: E402
+from hydro_twin.recording.bag import read_signals  # noqa: E402
+from hydro_twin.recording.read import read_recording  # noqa: E402
+from hydro_twin.recording.series import Series, StampedSeries  # noqa: E402
+from hydro_twin.recording.signals import load_signals, SignalMap  # noqa: E402
+from hydro_twin.recording.write import add_to_copy, write_recording  # noqa: E402
 
 NAMES = ('u_m', 'theta_d', 'T_g')
 START = 1_700_000_000_123_456_789
