@@ -8,7 +8,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import Any
 
-from hydro_twin.compiled import generated
+from hydro_twin.compiled import compiled, generated
 from hydro_twin.effects import curve, Effect, EFFECTS, MODULES
 
 NAME = 'hydro_twin_dispatch'
@@ -33,3 +33,13 @@ def source() -> str:
 
 
 apply: Callable[..., Any] = generated(NAME, source).apply
+
+
+@compiled
+def transmit(values, gain, number, parameters, none):  # type: ignore[no-untyped-def]
+    """Pass values (N,) in place through a law without memory; `gain` times them reach its port.
+
+    none: zeros (2,), for the signals and the memory that it does not have.
+    """
+    for k in range(len(values)):
+        values[k] = apply(number, gain * values[k], none, parameters, none, 0.0, 0.0, none) / gain

@@ -62,7 +62,7 @@ class Finding:
     index: int
     p_value: float
     share: float
-    rivals: tuple[tuple[Alternative, float], ...]
+    rivals: tuple[tuple[Placed, float], ...]
 
 
 @dataclass(frozen=True)
@@ -166,7 +166,7 @@ def grow(base: Fit, alternatives: Sequence[Alternative], context: Context) -> Ch
         chain = replace(chain, fit=fit)
         if not likely(fit, first.fit, WORTH):
             break
-        found = _finding(fit, first.fit, others, len(fit.candidate.effects))
+        found = finding(fit, first.fit, in_place(others), len(fit.candidate.effects))
         if chain.findings and not _earned(found, fit, first, context.parts):
             break
         better = finely(first.fit, context.parts, FINE_ENOUGH)
@@ -177,7 +177,7 @@ def grow(base: Fit, alternatives: Sequence[Alternative], context: Context) -> Ch
         if len(chain.findings) == MOST:
             break
         alternatives = context.fit_alternatives(chain.fit, LATER)
-    return _proven(chain, base, context)
+    return proven(chain, base, context)
 
 
 def _memoryless_first(alternatives: Sequence[Alternative], base: Fit, context: Context
@@ -248,7 +248,7 @@ def share(before: Fit, after: Fit) -> float:
     return 1.0 - (after.error / max(before.error, 1e-300)) ** 2
 
 
-def _proven(chain: Chain, without: Fit, context: Context) -> Chain:
+def proven(chain: Chain, without: Fit, context: Context) -> Chain:
     """Drop the effects that do not improve held-out data, the least helpful first.
 
     An effect helps if the whole interval of the improvement is above zero. Where one could only
@@ -282,7 +282,7 @@ def _proven(chain: Chain, without: Fit, context: Context) -> Chain:
             break
     # What stood beside the others need not be the best by itself.
     chosen = _exchange(Chain(bare[least], other_findings(chain, least)), context, last=True)
-    return _proven(chosen, without, context)
+    return proven(chosen, without, context)
 
 
 def supported(chain: Chain, without: Fit, context: Context) -> Chain:
@@ -335,13 +335,26 @@ def other_findings(chain: Chain, k: int) -> tuple[Finding, ...]:
                  for found in (*chain.findings[:k], *chain.findings[k + 1:]))
 
 
-def _finding(without: Fit, fit: Fit, others: Sequence[Alternative], index: int) -> Finding:
-    """Describe an effect against the fit without it, and against others in its place."""
-    score, *scores = criterion([fit, *(c.fit for c in others)])
+def finding(without: Fit, fit: Fit, others: Sequence[tuple[Placed, Fit]], index: int) -> Finding:
+    """Describe an effect against the fit without it, and against others in its place.
+
+    Args:
+        without: the fit without the effect.
+        fit: the fit with it.
+        others: another effect and the fit with it instead, each.
+        index: of the effect.
+    """
+    score, *scores = criterion([fit, *(other for _, other in others)])
     return Finding(
         index=index, p_value=gain_p_value(without, fit, TRIED),
         share=share(without, fit),
-        rivals=tuple((c, s - score) for c, s in zip(others, scores, strict=True)))
+        rivals=tuple(sorted(((placed, s - score) for (placed, _), s in zip(
+            others, scores, strict=True)), key=lambda rival: rival[1])))
+
+
+def in_place(alternatives: Sequence[Alternative]) -> list[tuple[Placed, Fit]]:
+    """List what each alternative adds, and its fit."""
+    return [(alternative.placed, alternative.fit) for alternative in alternatives]
 
 
 def _nearest(found: Finding, effect: Effect) -> float:
@@ -351,8 +364,8 @@ def _nearest(found: Finding, effect: Effect) -> float:
     count, since all say that linear dynamics are missing. Nor does a hysteretic rival that was
     passed over for a static law, with a negative delta BIC: it says the same of the recording.
     """
-    return min((d for alternative, d in found.rivals if alternative.id != effect.id and d >= 0.0
-                and not (effect.dynamic and alternative.placed.effect.dynamic)), default=np.inf)
+    return min((d for rival, d in found.rivals if rival.effect.id != effect.id and d >= 0.0
+                and not (effect.dynamic and rival.effect.dynamic)), default=np.inf)
 
 
 def finely(fit: Fit, parts: Sequence[Part], finest: int) -> Fit:
@@ -391,11 +404,12 @@ def _exchange(chain: Chain, context: Context, last: bool = False) -> Chain:
         scores = criterion([chain.fit, *(c.fit for c in alternatives)])
         if alternatives and scores[1] < scores[0] - CLEARLY:
             first, *others = alternatives
-            instead = _finding(without, first.fit, others, len(without.candidate.effects))
+            instead = finding(without, first.fit, in_place(others),
+                              len(without.candidate.effects))
             better = finely(first.fit, context.parts, FINE_ENOUGH)
             return _exchange(Chain(better, (*rest, instead)), context, last)
         others = [c for c in alternatives
                   if (c.id, c.placed.port) != (placed.effect.id, placed.port)]
-        kept = _finding(without, chain.fit, others, found.index)
+        kept = finding(without, chain.fit, in_place(others), found.index)
         chain = replace(chain, findings=(*chain.findings[:k], kept, *chain.findings[k + 1:]))
     return chain

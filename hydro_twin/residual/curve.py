@@ -13,8 +13,9 @@ from hydro_twin.fitting.parts import Part
 from hydro_twin.model import Model
 from hydro_twin.plants import Port
 from hydro_twin.predictors.system import signal_row
+from hydro_twin.residual.noise import noise_floor
 from hydro_twin.residual.passing import passing
-from hydro_twin.residual.proof import proof
+from hydro_twin.residual.proof import proof, residuals
 from hydro_twin.residual.screen import spans
 from hydro_twin.residual.select import CLEARLY, criterion, free_run_error, gain_p_value, search_all
 from hydro_twin.residual.structure import predicted_by_ports, shows
@@ -125,7 +126,25 @@ def is_better(found: FittedCurve, base: Fit, named: Fit, curves: Sequence[Depend
     if drawn or (biased and is_mostly_constant(found.fit, held_out)):
         return False
     with_curve, with_names = criterion([found.fit, named])
-    return with_curve < with_names - CLEARLY and proof(named, found.fit, held_out, seed).high > 0.0
+    return (with_curve < with_names - CLEARLY and outweighs(found.fit, named, held_out)
+            and proof(named, found.fit, held_out, seed).high > 0.0)
+
+
+def outweighs(with_curve: Fit, named: Fit, held_out: Sequence[Part]) -> bool:
+    """Whether a curve takes more off named effects than it leaves above the noise itself.
+
+    A curve with its many values comes nearer to any rig than a law does. Where it reaches the
+    noise, and the law does not, the law is wrong. Where it leaves much itself, both models are
+    only nearly right, and what is as small as their error says nothing against a name.
+
+    Args:
+        with_curve: a model with a free curve.
+        named: one with named effects in its place.
+        held_out: the data that were not fitted.
+    """
+    free, law = (residuals(fit, held_out) for fit in (with_curve, named))
+    powers = [float(np.mean(np.concatenate(one)**2)) for one in (free, law)]
+    return powers[1] - powers[0] > powers[0] - noise_floor(free)**2
 
 
 def explains_most(base: Fit, named: Fit, with_curve: Fit) -> bool:

@@ -19,21 +19,13 @@ from hydro_twin.recording.series import moves_alike, Recording, split, split_by_
 from hydro_twin.residual.chain import (
     Chain,
     Context,
-    ENOUGH,
     finely,
     FINEST,
     grow,
-    other_findings,
     supported,
     without_last,
 )
-from hydro_twin.residual.curve import (
-    explains_most,
-    find_curve,
-    FittedCurve,
-    is_better,
-    is_drawn,
-)
+from hydro_twin.residual.curve import FittedCurve
 from hydro_twin.residual.evaluate import result_of
 from hydro_twin.residual.evidence import Evidence
 from hydro_twin.residual.excerpt import excerpt, harmless_factor, resampled, thin
@@ -50,16 +42,9 @@ from hydro_twin.residual.select import (
     search_all,
     unrefined,
 )
-from hydro_twin.residual.structure import (
-    dependences,
-    drift,
-    free_curves,
-    predicted_by_ports,
-    shows,
-)
+from hydro_twin.residual.structure import dependences, drift, predicted_by_ports
+from hydro_twin.residual.weighing import best_named, with_curve
 from hydro_twin.result import (
-    BestNamed,
-    Dependence,
     Improvement,
     SERIES,
     SIXTH,
@@ -69,7 +54,6 @@ from hydro_twin.result import (
 
 AT_LAST = 60_000        # samples of a thinned recording that are all used in the final fit
 EVERY = 1000            # effects fitted in full in the first round
-LIKELY = 0.05           # p-value below which the named effects may not explain everything
 
 
 @one_thread()
@@ -174,7 +158,7 @@ def _search(train: Recording, test: Recording, plant: Plant,
     if not chain.findings:
         chain = Chain(base)
     progress('free curve')
-    chain, found, replaced = _with_curve(chain, base, context)
+    chain, found, replaced = with_curve(chain, base, context)
     final = chain.fit if found is None else found.fit
     if final is not base:
         bare = replace(final.candidate, effects=final.candidate.effects[:given])
@@ -214,7 +198,7 @@ def _search(train: Recording, test: Recording, plant: Plant,
         bursts=tuple(bursts(residuals(after, [*whole, *held_out]))),
         depends_on=tuple(dependences(after, fine)), drifts=drift(after, fine),
         by_ports=predicted_by_ports(after, fine), found=found,
-        best_named=_best_named(replaced, others) if found and replaced else None)
+        best_named=best_named(replaced, others) if found and replaced else None)
     return traced if traced.fails else replace(traced, hidden=tuple(hidden(after, fine)))
 
 
@@ -248,73 +232,6 @@ def _gain(before: Fit, after: Fit, test: Recording, seed: int) -> Improvement:
         first, then = (errors_by_series(Analytical(candidate), test.series, 'free_run')
                        for candidate in candidates)
     return improvement(first, then, seed)
-
-
-def _best_named(chain: Chain, held_out: Sequence[Part]) -> BestNamed:
-    """Describe the named effects that a free curve took the place of."""
-    return BestNamed(tuple(chain.fit.candidate.effects[found.index] for found in chain.findings),
-                     rms(np.concatenate(residuals(chain.fit, held_out))))
-
-
-def _with_curve(chain: Chain, base: Fit, context: Context
-                ) -> tuple[Chain, FittedCurve | None, Chain | None]:
-    """Look for a free curve beside the named effects, or instead of them.
-
-    Several named effects often imitate one law that has no name.
-
-    Args:
-        chain: the model with the named effects.
-        base: the fit without any of them.
-        context: the data.
-
-    Returns:
-        The chain, or one without its effects; the curve on top of it, if one helps; and the
-        chain whose place it took, if it did.
-    """
-    parts, held_out, seed = context.parts, context.held_out, context.seed
-    curves = free_curves(chain.fit, parts)
-    at_first = curves if chain.fit is base else free_curves(base, parts)
-    if chain.findings and _contested(chain, parts, curves, at_first):
-        instead = find_curve(base, parts, held_out, at_first, seed)
-        if instead and is_better(instead, base, chain.fit, at_first, held_out, seed):
-            return Chain(base), instead, chain
-    found = find_curve(chain.fit, parts, held_out, curves, seed)
-    return (*_still_needed(chain, found, context), None) if found else (chain, None, None)
-
-
-def _contested(chain: Chain, parts: Sequence[Part], curves: Sequence[Dependence],
-               at_first: Sequence[Dependence]) -> bool:
-    """Whether a curve may explain the residual without the named effects.
-
-    The named effects may leave structure; or it took one effect at two ports; or one curve, at
-    another port or signal, explains most of the first residual.
-    """
-    ids = [chain.fit.candidate.effects[found.index].effect.id for found in chain.findings]
-    if (any(shows(curve) for curve in curves) or len(set(ids)) < len(ids)
-            or not is_white(by_part(chain.fit))
-            or predicted_by_ports(chain.fit, parts)[1] < LIKELY):
-        return True
-    return any(curve.share > ENOUGH and not is_drawn((curve.port, curve.signal), chain.fit,
-                                                     at_first) for curve in at_first[:1])
-
-
-def _still_needed(chain: Chain, found: FittedCurve, context: Context) -> tuple[Chain, FittedCurve]:
-    """Withdraw named effects that the curve contains, as a bias that is its constant part.
-
-    The least helpful first. But not one that explains by itself most of what the curve would in
-    its place, which then only describes it more finely.
-    """
-    bare = context.without(chain, chain.findings)
-    for k in sorted(range(len(bare)), key=lambda k: bare[k].error):
-        without = bare[k]
-        instead = search(found.fit.candidate.without(chain.findings[k].index), context.parts, 25)
-        with_it, without_it = criterion([found.fit, instead])
-        if (without_it < with_it + CLEARLY
-                and not explains_most(without, chain.fit, instead)):
-            helps = proof(without, instead, context.held_out, context.seed)
-            return _still_needed(Chain(without, other_findings(chain, k)),
-                                 replace(found, fit=instead, proof=helps), context)
-    return chain, found
 
 
 def _on_all(found: FittedCurve, after: Fit, sample_time: float, parts: Sequence[Part],

@@ -42,8 +42,8 @@ def named_effects(found: Evidence) -> tuple[NamedEffect, ...]:
 def _judge(found: Evidence, finding: Finding, reach: Mapping[Port, Span]) -> NamedEffect:
     """Judge one finding, given the range of each port and signal."""
     placed = found.final.candidate.effects[finding.index]
-    other_ports = tuple(alternative.placed.port.name for alternative, distance in finding.rivals
-                        if alternative.id == placed.effect.id and distance < CLOSE)
+    other_ports = tuple(rival.port.name for rival, distance in finding.rivals
+                        if rival.effect.id == placed.effect.id and distance < CLOSE)
     if placed.effect.course is not None:
         other_ports += tuple(name for combination in found.plant.combinations
                              if placed.port.name in combination for name in combination
@@ -78,7 +78,7 @@ def _alike(plant: Plant, winner: str, ports: tuple[str, ...], reach: Mapping[Por
 def _by_id(finding: Finding, winner: str, alike: list[str]) -> tuple[tuple[str, float], ...]:
     """Rivals of another name, each once, nearest first; those that look alike at no distance."""
     nearest = dict.fromkeys(alike, 0.0)
-    for alternative, distance in finding.rivals:
-        if alternative.id != winner:
-            nearest.setdefault(alternative.id, distance)
+    for rival, distance in finding.rivals:
+        if rival.effect.id != winner:
+            nearest.setdefault(rival.effect.id, distance)
     return tuple(sorted(nearest.items(), key=lambda item: item[1]))
