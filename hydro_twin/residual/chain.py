@@ -177,7 +177,7 @@ def grow(base: Fit, alternatives: Sequence[Alternative], context: Context) -> Ch
         if len(chain.findings) == MOST:
             break
         alternatives = context.fit_alternatives(chain.fit, LATER)
-    return proven(chain, base, context)
+    return _proven(chain, base, context)
 
 
 def _memoryless_first(alternatives: Sequence[Alternative], base: Fit, context: Context
@@ -248,7 +248,7 @@ def share(before: Fit, after: Fit) -> float:
     return 1.0 - (after.error / max(before.error, 1e-300)) ** 2
 
 
-def proven(chain: Chain, without: Fit, context: Context) -> Chain:
+def _proven(chain: Chain, without: Fit, context: Context) -> Chain:
     """Drop the effects that do not improve held-out data, the least helpful first.
 
     An effect helps if the whole interval of the improvement is above zero. Where one could only
@@ -282,7 +282,7 @@ def proven(chain: Chain, without: Fit, context: Context) -> Chain:
             break
     # What stood beside the others need not be the best by itself.
     chosen = _exchange(Chain(bare[least], other_findings(chain, least)), context, last=True)
-    return proven(chosen, without, context)
+    return _proven(chosen, without, context)
 
 
 def supported(chain: Chain, without: Fit, context: Context) -> Chain:

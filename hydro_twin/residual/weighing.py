@@ -15,11 +15,10 @@ from hydro_twin.residual.chain import (
     Chain,
     Context,
     ENOUGH,
+    explained_share,
     Finding,
     finding,
     other_findings,
-    proven,
-    supported,
 )
 from hydro_twin.residual.curve import (
     explains_most,
@@ -91,25 +90,25 @@ def read_as_names(chain: Chain, found: FittedCurve, base: Fit, context: Context)
         context: the data.
 
     Returns:
-        The model with the laws, each of which passes the tests of any effect; None where the
-        curve has no such reading, or none that it does not outweigh.
+        The model with the laws, each of which explains half of what is left without it, and
+        improves held-out data; None where the curve has no such reading, or outweighs all.
     """
+    held_out = context.held_out
     tried = list(search_all(readings(found.fit.candidate, context.parts), context.parts, LONG))
-    if not tried:
-        return None
-    scores = criterion(tried)
-    fit = tried[min(range(len(tried)), key=lambda k: scores[k])]
-    begun = range(len(chain.fit.candidate.effects), len(fit.candidate.effects))
-    unproven = Chain(fit, (*chain.findings, *(Finding(k, 0.0, 1.0, ()) for k in begun)))
-    bare = context.without(unproven, unproven.findings[len(chain.findings):])
-    findings = [finding(without, fit, _in_place_of(k, fit, tried), k)
-                for k, without in zip(begun, bare, strict=True)]
-    read = supported(proven(Chain(fit, (*chain.findings, *findings)), base, context), base,
-                     context)
-    if len(read.findings) <= len(chain.findings) or outweighs(found.fit, read.fit,
-                                                              context.held_out):
-        return None
-    return read
+    for _, fit in sorted(zip(criterion(tried), tried, strict=True) if tried else (),
+                             key=lambda one: one[0]):
+        if outweighs(found.fit, fit, held_out):
+            continue
+        laws = range(len(chain.fit.candidate.effects), len(fit.candidate.effects))
+        whole = Chain(fit, tuple(Finding(k, 0.0, 1.0, ()) for k in laws))
+        bare = [base] if len(laws) == len(fit.candidate.effects) == 1 else context.without(
+            whole, whole.findings)
+        if all(explained_share(without, fit) > ENOUGH
+               and proof(without, fit, held_out, context.seed).low > 0.0 for without in bare):
+            return Chain(fit, (*chain.findings, *(
+                finding(without, fit, _in_place_of(k, fit, tried), k)
+                for k, without in zip(laws, bare, strict=True))))
+    return None
 
 
 def _in_place_of(index: int, fit: Fit, tried: Sequence[Fit]) -> list[tuple[Placed, Fit]]:
