@@ -18,7 +18,7 @@ from hydro_twin.residual.evaluate import result_of
 from hydro_twin.residual.evidence import Evidence
 from hydro_twin.residual.noise import Burst, noise_floor
 from hydro_twin.residual.proof import improvement
-from hydro_twin.residual.select import Alternative, by_part, search
+from hydro_twin.residual.select import by_part, search
 from hydro_twin.result import Dependence, Hidden, Improvement, Line
 
 # For each plant, effects that show under the inputs below, and one that is tried in their place.
@@ -87,7 +87,7 @@ def evidence(name, found=True, curve=False, seconds=0.6, source='a bag'):
     train, test = (parts(truth, seconds, 0.01, seed, source) for seed in (1, 2))
     before = search(candidate(name), train, 10)
     after = search(truth, train, 3) if found else before
-    other = Alternative(search(candidate(name, [rival]), train, 3))
+    other = place(*rival, truth.plant)
     port = truth.plant.ports[0]
     return Evidence(
         plant=truth.plant, before=before, after=after, train=train, test=test,

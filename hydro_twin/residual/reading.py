@@ -16,8 +16,10 @@ from scipy.optimize import least_squares
 from hydro_twin.effects import Effect, Placed, Span
 from hydro_twin.effects.curve import values
 from hydro_twin.effects.dispatch import code, transmit
-from hydro_twin.fitting.candidate import Candidate, Part
+from hydro_twin.fitting.output_error import free_run
+from hydro_twin.fitting.parts import Part
 from hydro_twin.fitting.unknowns import effect_unknowns
+from hydro_twin.model import Model
 from hydro_twin.plants import Port
 from hydro_twin.plants.plant import FloatArray
 from hydro_twin.residual.passing import passing
@@ -76,7 +78,7 @@ def is_static(effect: Effect) -> bool:
             and effect.reads in ((), ('value',)))
 
 
-def readings(candidate: Candidate, parts: Sequence[Part]) -> list[Candidate]:
+def readings(candidate: Model, parts: Sequence[Part]) -> list[Model]:
     """Put compositions of static laws in the place of a curve, those that draw it best first.
 
     Args:
@@ -100,7 +102,7 @@ def readings(candidate: Candidate, parts: Sequence[Part]) -> list[Candidate]:
     return [replace(bare, effects=(*bare.effects, *one.laws)) for one in ranked[:READ]]
 
 
-def _along(candidate: Candidate, parts: Sequence[Part]) -> tuple[Characteristic, list[Site]]:
+def _along(candidate: Model, parts: Sequence[Part]) -> tuple[Characteristic, list[Site]]:
     """Find what the curve, the last effect, passes, and the static laws on the way of its signal.
 
     A port is on the way where what reaches it goes with the signal but for a constant factor. Of
@@ -111,7 +113,7 @@ def _along(candidate: Candidate, parts: Sequence[Part]) -> tuple[Characteristic,
     at_port, rows = [passing(candidate, placed, part) for part in parts], []
     for part in parts:
         seen = np.zeros((len(part.inputs), len(candidate.system.step.H)))
-        candidate.run(part, seen)
+        free_run(candidate, part, seen)
         rows.append(np.nan_to_num(seen[start_up:]))
     reaching = np.concatenate(rows)
     signal, own = (np.concatenate([np.nan_to_num(one.signals[name][start_up:]) for one in at_port])

@@ -7,8 +7,8 @@ from dataclasses import replace
 import numpy as np
 
 from hydro_twin.effects import Placed
-from hydro_twin.fitting.candidate import Part
 from hydro_twin.fitting.free_run import Fit
+from hydro_twin.fitting.parts import Part
 from hydro_twin.fitting.whiteness import is_white
 from hydro_twin.predictors.scores import rms
 from hydro_twin.residual.chain import (

@@ -45,7 +45,7 @@ def test_a_lag_or_a_friction_that_is_best_stays_first():
 def test_linear_dynamics_that_are_alike_are_no_doubt_that_they_are_missing():
     """A lag with a delay near is earned; with a friction near it is not."""
     def nearest(*rivals):
-        found = Finding(0, 0.0, 0.5, tuple((alternative(*r), d) for r, d in rivals))
+        found = Finding(0, 0.0, 0.5, tuple((place(*r, PLANT), d) for r, d in rivals))
         return chain._nearest(found, place(*LAG, PLANT).effect)
 
     assert nearest((DELAY, 2.0), (MODE, 3.0), (FRICTION, 500.0)) == 500.0

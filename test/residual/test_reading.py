@@ -5,8 +5,8 @@ import numpy as np
 import pytest
 
 from hydro_twin.effects.curve import curve, KNOTS
-from hydro_twin.fitting.candidate import Candidate, Part
-from hydro_twin.model import place
+from hydro_twin.fitting.parts import Part
+from hydro_twin.model import Model, place
 from hydro_twin.plants import plant_named
 from hydro_twin.residual.curve import outweighs
 from hydro_twin.residual.reading import readings
@@ -18,7 +18,7 @@ KNOT = np.linspace(-REACH, REACH, KNOTS)
 
 def driven(*effects, noise=0.0):
     """Return a cylinder with effects, and a run of it under levels held for half a second."""
-    candidate = Candidate(CYLINDER, {'tau': 0.03, 'K_v': 0.01}, 0.01, tuple(effects))
+    candidate = Model(CYLINDER, {'tau': 0.03, 'K_v': 0.01}, 0.01, tuple(effects))
     rng = np.random.default_rng(1)
     levels = np.append(rng.uniform(-REACH, REACH, 18), [-REACH, REACH])
     inputs = np.repeat(levels, 50)[:, None]
