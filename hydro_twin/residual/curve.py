@@ -13,7 +13,7 @@ from hydro_twin.fitting.parts import Part
 from hydro_twin.model import Model
 from hydro_twin.plants import Port
 from hydro_twin.predictors.system import signal_row
-from hydro_twin.residual.noise import noise_floor
+from hydro_twin.residual.noise import COLOURED, noise_floor
 from hydro_twin.residual.passing import passing
 from hydro_twin.residual.proof import proof, residuals
 from hydro_twin.residual.screen import spans
@@ -131,7 +131,7 @@ def is_better(found: FittedCurve, base: Fit, named: Fit, curves: Sequence[Depend
 
 
 def outweighs(with_curve: Fit, named: Fit, held_out: Sequence[Part]) -> bool:
-    """Whether a curve takes more off named effects than it leaves above the noise itself.
+    """Whether a curve takes more off the error of names than it leaves above the noise itself.
 
     A curve with its many values comes nearer to any rig than a law does. Where it reaches the
     noise, and the law does not, the law is wrong. Where it leaves much itself, both models are
@@ -144,7 +144,7 @@ def outweighs(with_curve: Fit, named: Fit, held_out: Sequence[Part]) -> bool:
     """
     free, law = (residuals(fit, held_out) for fit in (with_curve, named))
     powers = [float(np.mean(np.concatenate(one)**2)) for one in (free, law)]
-    return powers[1] - powers[0] > powers[0] - noise_floor(free)**2
+    return powers[1] - powers[0] > powers[0] - (COLOURED * noise_floor(free))**2
 
 
 def explains_most(base: Fit, named: Fit, with_curve: Fit) -> bool:

@@ -14,6 +14,7 @@ from hydro_twin.result import Line
 SPELL = 50              # samples of which the power is taken together, to see when it is large
 BURST = 4.0             # power of such, over what three in four stay below, that is loud
 SELDOM, MUCH = 0.1, 0.4         # most time that bursts may take, least of the power they hold
+COLOURED = 2.5          # ratio of error to noise floor up to which it may be coloured noise
 ROUNDING = 1e-9         # of a residual
 SPELLS = 20             # fewer do not tell what is seldom
 

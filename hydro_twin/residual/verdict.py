@@ -7,13 +7,13 @@ from hydro_twin.effects import EFFECTS, Span
 from hydro_twin.plants import Plant, Port
 from hydro_twin.residual.chain import Finding
 from hydro_twin.residual.evidence import Evidence
+from hydro_twin.residual.noise import COLOURED
 from hydro_twin.residual.screen import places, spans
 from hydro_twin.residual.structure import drifts
 from hydro_twin.result import CLOSE, NamedEffect, NEAR, VerdictKind
 
 LEFT = 0.01             # share of the residual that ports may predict if a law is right
 LIKELY = 0.05           # p-value of that share, if the residual is white; else 1
-CLEAN = 2.5             # ratio of error to noise up to which it may be coloured noise
 TELLING = 3000.0        # energy explained over the noise variance, to be sure of a law
 
 
@@ -54,7 +54,7 @@ def _judge(found: Evidence, finding: Finding, reach: Mapping[Port, Span]) -> Nam
     return NamedEffect(
         finding.index, placed, finding.p_value, finding.share,
         certain=telling > TELLING and not is_structured(found, LIKELY if found.white else 1.0)
-        and found.after.error < CLEAN * found.floor
+        and found.after.error < COLOURED * found.floor
         and all(distance > NEAR for _, distance in rivals),
         other_ports=other_ports, rivals=rivals)
 
