@@ -4,6 +4,7 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 from itertools import islice
+import math
 
 import numpy as np
 
@@ -45,6 +46,8 @@ PREDICTED = 0.05        # p-value below which the port signals predict the resid
 SURELY_PREDICTED = 1e-4     # and below which they certainly do
 NOISY = 2.0             # ratio of error to noise above which the residual is not all noise
 HELD_OUT = 1.2          # ratio of held-out to training error above which it is not chance
+RIVALS = 1.5            # error over that of the effect in place: what leaves more after ten
+#                         evaluations is no rival to it
 TRIED = 40              # starts tried in a round, for the correction
 
 
@@ -94,12 +97,13 @@ class Context:
         default_factory=dict)
     fits: dict[frozenset[str], Fit] = field(default_factory=dict)
 
-    def fit_alternatives(self, fit: Fit, most: int) -> list[Alternative]:
+    def fit_alternatives(self, fit: Fit, most: int, most_error: float = math.inf
+                         ) -> list[Alternative]:
         """Fit effects on top of a fit, once for each set of unknowns."""
         key = (_effects_of(fit.candidate), len(fit.unknowns), most)
         if key not in self.known:
             self.known[key] = fit_alternatives(fit, self.parts, self.times, most, False,
-                                               self.progress)
+                                               self.progress, most_error=most_error)
             for alternative in self.known[key]:
                 self.remember(alternative.fit)
         return self.known[key]
@@ -400,7 +404,7 @@ def _exchange(chain: Chain, context: Context, last: bool = False) -> Chain:
         with_it, bare = criterion([chain.fit, without])
         if bare < with_it + CLEARLY or share(without, chain.fit) < WORTH:
             return _exchange(Chain(without, rest), context, last)
-        alternatives = context.fit_alternatives(without, AGAIN)
+        alternatives = context.fit_alternatives(without, AGAIN, RIVALS * chain.fit.error)
         scores = criterion([chain.fit, *(c.fit for c in alternatives)])
         if alternatives and scores[1] < scores[0] - CLEARLY:
             first, *others = alternatives

@@ -9,7 +9,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
-from itertools import compress, islice
+from itertools import compress, islice, takewhile
 import math
 
 import numpy as np
@@ -138,7 +138,8 @@ def likelihood_gain(before: Sequence[FloatArray], after: Sequence[FloatArray]) -
 def fit_alternatives(base: Fit, parts: Sequence[Part], times: tuple[float, float], most: int,
                      afresh: bool,
                      progress: Callable[[str], None] = lambda _: None,
-                     known: Sequence[Model] = ()) -> list[Alternative]:
+                     known: Sequence[Model] = (), most_error: float = math.inf
+                     ) -> list[Alternative]:
     """Fit a base with one effect more, for each effect and port; best first.
 
     A low score does not rule an effect out: the parameters may imitate it at the base's values,
@@ -154,6 +155,7 @@ def fit_alternatives(base: Fit, parts: Sequence[Part], times: tuple[float, float
         afresh: whether to start with other values of the plant's parameters, too.
         progress: called with what is being fitted.
         known: further starting points, each with one effect more than the base.
+        most_error: what leaves more is not searched on, nor refined.
     """
     prospects = screen(base, parts)
     if not afresh and nothing_shows(base, prospects):
@@ -167,7 +169,7 @@ def fit_alternatives(base: Fit, parts: Sequence[Part], times: tuple[float, float
     plain = [*known, *drift_starts(base, parts, times)]
     if afresh:
         plain += nearest(linear_starts(base.candidate, parts), parts)
-    return finish(base, race([*plain, *near], parts, progress), parts)
+    return finish(base, race([*plain, *near], parts, progress), parts, most_error)
 
 
 def race(candidates: Sequence[Model], parts: Sequence[Part],
@@ -265,14 +267,17 @@ def free_run_error(candidate: Model, parts: Sequence[Part]) -> float:
     return rms(np.nan_to_num(np.concatenate(residuals(candidate, parts)), nan=1e30))
 
 
-def finish(base: Fit, tried: Sequence[Fit], parts: Sequence[Part]) -> list[Alternative]:
+def finish(base: Fit, tried: Sequence[Fit], parts: Sequence[Part],
+           most_error: float = math.inf) -> list[Alternative]:
     """Fit the best to convergence, refine their last effects, and rank all of them.
 
     The law of the best is tried at its other ports, too, from its fit and from the base: the
-    search from its own start there may have ended in a local minimum.
+    search from its own start there may have ended in a local minimum. What leaves more than
+    `most_error` after the race stays as it is.
     """
     ranked = best_at_each_place(tried)
-    kept = [fit for fit in ranked[:KEPT] if fit.error <= HOPELESS * ranked[0].error]
+    most_error = min(most_error, HOPELESS * ranked[0].error)
+    kept = list(takewhile(lambda fit: fit.error <= most_error, ranked[:KEPT]))
     longer = list(search_all([fit.candidate for fit in kept], parts, LONG))
     near = WITHIN * min((fit.error for fit in longer), default=0.0)
     done = refine([fit for fit in longer if fit.error <= near], parts)
