@@ -39,11 +39,13 @@ class Data:
         rig: the plant, its constants in SI units, its signals.
         recording: the series of the bags, on one time grid, in SI units.
         test: those of the bags to test on; None if there are none.
+        earlier: those that a model to start from came from; None if none are used.
     """
 
     rig: Rig
     recording: Recording
     test: Recording | None = None
+    earlier: Recording | None = None
 
     @property
     def plant(self) -> Plant:
@@ -147,14 +149,17 @@ class Trace:
         return write_files(self.result, Path(folder), dict(self.provenance))
 
 
-def read(bags: Paths, plant: Plant | str, *, test: Paths = (), config: Path | str | None = None,
-         constants: Mapping[str, float] | None = None, model: Model | None = None) -> Data:
+def read(bags: Paths, plant: Plant | str, *, test: Paths = (), earlier: Paths = (),
+         config: Path | str | None = None, constants: Mapping[str, float] | None = None,
+         model: Model | None = None) -> Data:
     """Read bags of a plant.
 
     Args:
         bags: rosbag2 recordings: folders, or single files.
         plant: the plant, or its name.
         test: bags to test on; none: the first third of every series.
+        earlier: bags that a model to start from came from, of which a trace is to keep what they
+            say.
         config: ROS parameter file with signals and constants; None: that of the plant.
         constants: of the rig, in SI units; they take precedence over the file.
         model: whose sample time is the usual one.
@@ -165,17 +170,19 @@ def read(bags: Paths, plant: Plant | str, *, test: Paths = (), config: Path | st
     """
     plant = plant_named(plant) if isinstance(plant, str) else plant
     rig = rig_of(plant, Path(config) if config else None, dict(constants or {}), model)
-    return read_data(_paths(bags), _paths(test), rig)
+    return read_data(_paths(bags), _paths(test), rig, earlier=_paths(earlier))
 
 
-def read_data(bags: Sequence[Path], test: Sequence[Path], rig: Rig, show: Progress = silent
-              ) -> Data:
-    """Read bags of a rig, and those to test on, all on one clock.
+def read_data(bags: Sequence[Path], test: Sequence[Path], rig: Rig, show: Progress = silent,
+              earlier: Sequence[Path] = ()) -> Data:
+    """Read bags of a rig, those to test on and earlier ones, all on one clock.
 
     Raises:
         BagError: a bag cannot be read, or lacks a signal.
     """
-    return Data(rig, *read_apart([bags, test] if test else [bags], rig, show))
+    recording, *others = read_apart([bags, *filter(None, (test, earlier))], rig, show)
+    return Data(rig, recording, others.pop(0) if test else None,
+                others.pop() if earlier else None)
 
 
 def refit(data: Data, request: Request | None = None, *, command: str = 'hydro_twin.refit',
@@ -219,7 +226,7 @@ def trace(data: Data, model: Model | None = None, seed: int = 0, *,
         model = model.at(data.recording.sample_time)
     with show('tracing', None) as step:
         result = tracing.trace(data.recording, data.test, data.plant, data.rig.constants, model,
-                               seed, lambda _: step())
+                               seed, lambda _: step(), data.earlier)
     return Trace(result, data.provenance(seed, command))
 
 
