@@ -186,6 +186,5 @@ def _response(candidate: Model, hertz: FloatArray) -> npt.NDArray[np.complex128]
     """Return the frequency response of the linear laws to each input, (F, m)."""
     laws = candidate.plant.laws(candidate.values)
     s = 2j * np.pi * hertz[:, None, None]
-    states = np.linalg.solve(s * np.eye(len(laws.A)) - laws.A, laws.B[None].astype(complex))
-    response: npt.NDArray[np.complex128] = (laws.C @ states + laws.D)[:, 0, :]
-    return response
+    states = np.linalg.solve(s * np.eye(len(laws.A)) - laws.A, laws.B[None])
+    return np.asarray((laws.C @ states + laws.D)[:, 0, :], complex)

@@ -5,7 +5,7 @@ import json
 
 import numpy as np
 import pytest
-from scipy.signal import StateSpace
+from scipy.signal import freqresp
 from traced_rig import PLANT, record, VALUES
 
 from hydro_twin.commands.main import main
@@ -69,8 +69,8 @@ def test_the_motion_that_it_names_shows_what_it_promises():
     assert weak['K_ce'].std_error is None
     assert weak['K_ce'].signal == 'theta_d'
     laws = PLANT.laws(MODEL.values)
-    system = StateSpace(laws.A, laws.B[:, 1:], laws.C, laws.D[:, 1:])
-    _, gain = system.freqresp(2 * np.pi * np.geomspace(0.1, 50.0, 80))
+    _, gain = freqresp((laws.A, laws.B[:, 1:], laws.C, laws.D[:, 1:]),
+                       2 * np.pi * np.geomspace(0.1, 50.0, 80))
     amplitude = np.sqrt(2.0) * np.std(one['T_g']) / np.abs(gain).max()
     sine = run(theta_d=amplitude * np.sin(2 * np.pi * weak['K_ce'].hertz * TIME),
                start=10_000_000_000)
