@@ -15,6 +15,7 @@ from typing import TYPE_CHECKING
 if TYPE_CHECKING:
     from hydro_twin.api import (
         Data,
+        excitation,
         load_predictor,
         Model,
         Predictor,
@@ -31,7 +32,7 @@ if TYPE_CHECKING:
     )
 
 __all__ = ['Data', 'Model', 'Predictor', 'Recording', 'Refit', 'Replay', 'Request', 'Trace',
-           'load_predictor', 'read', 'read_model', 'refit', 'replay', 'trace']
+           'excitation', 'load_predictor', 'read', 'read_model', 'refit', 'replay', 'trace']
 
 
 def __getattr__(name: str) -> object:

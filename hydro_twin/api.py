@@ -20,6 +20,7 @@ from hydro_twin.progress import Progress, silent
 from hydro_twin.provenance import provenance
 from hydro_twin.recording.rig import read_apart, Rig, rig_of
 from hydro_twin.recording.series import Recording, split
+from hydro_twin.residual import excitation as exciting
 from hydro_twin.residual import trace as tracing
 from hydro_twin.result import TraceResult
 
@@ -27,7 +28,7 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 __all__ = ['Data', 'Model', 'Predictor', 'Recording', 'Refit', 'Replay', 'Request', 'Trace',
-           'load_predictor', 'read', 'read_model', 'refit', 'replay', 'trace']
+           'excitation', 'load_predictor', 'read', 'read_model', 'refit', 'replay', 'trace']
 
 Paths = Path | str | Sequence[Path | str]
 
@@ -40,11 +41,13 @@ class Data:
         rig: the plant, its constants in SI units, its signals.
         recording: the series of the bags, on one time grid, in SI units.
         test: those of the bags to test on; None if there are none.
+        earlier: those that a model to start from came from; None if none are used.
     """
 
     rig: Rig
     recording: Recording
     test: Recording | None = None
+    earlier: Recording | None = None
 
     @property
     def plant(self) -> Plant:
@@ -148,17 +151,21 @@ class Trace:
         return write_files(self.result, Path(folder), dict(self.provenance))
 
 
-def read(bags: Paths, plant: Plant | str, *, test: Paths = (), config: Path | str | None = None,
-         constants: Mapping[str, float] | None = None, model: Model | None = None) -> Data:
+def read(bags: Paths, plant: Plant | str, *, test: Paths = (), earlier: Paths = (),
+         config: Path | str | None = None, constants: Mapping[str, float] | None = None,
+         model: Model | None = None, show: Progress = silent) -> Data:
     """Read bags of a plant.
 
     Args:
         bags: rosbag2 recordings: folders, or single files.
         plant: the plant, or its name.
         test: bags to test on; none: the first third of every series.
+        earlier: bags that a model to start from came from, of which a trace is to keep what they
+            say.
         config: ROS parameter file with signals and constants; None: that of the plant.
         constants: of the rig, in SI units; they take precedence over the file.
         model: whose sample time is the usual one.
+        show: shows what is being done.
 
     Raises:
         UserError: there is no such plant, or the configuration or a constant is wrong.
@@ -166,17 +173,19 @@ def read(bags: Paths, plant: Plant | str, *, test: Paths = (), config: Path | st
     """
     plant = plant_named(plant) if isinstance(plant, str) else plant
     rig = rig_of(plant, Path(config) if config else None, dict(constants or {}), model)
-    return read_data(_paths(bags), _paths(test), rig)
+    return read_data(_paths(bags), _paths(test), rig, show, _paths(earlier))
 
 
-def read_data(bags: Sequence[Path], test: Sequence[Path], rig: Rig, show: Progress = silent
-              ) -> Data:
-    """Read bags of a rig, and those to test on, all on one clock.
+def read_data(bags: Sequence[Path], test: Sequence[Path], rig: Rig, show: Progress = silent,
+              earlier: Sequence[Path] = ()) -> Data:
+    """Read bags of a rig, those to test on and earlier ones, all on one clock.
 
     Raises:
         BagError: a bag cannot be read, or lacks a signal.
     """
-    return Data(rig, *read_apart([bags, test] if test else [bags], rig, show))
+    recording, *others = read_apart([bags, *filter(None, (test, earlier))], rig, show)
+    return Data(rig, recording, others.pop(0) if test else None,
+                others.pop() if earlier else None)
 
 
 def refit(data: Data, request: Request | None = None, *, command: str = 'hydro_twin.refit',
@@ -214,14 +223,35 @@ def trace(data: Data, model: Model | None = None, seed: int = 0, *,
         UserError: the model is not an analytical one.
         DataError: the samples do not allow it.
     """
-    if model is not None:
-        if not kind_named(model.kind).analytical:
-            raise UserError(f'a model of kind {model.kind}; a trace starts from an analytical one')
-        model = model.at(data.recording.sample_time)
+    model = None if model is None else _analytical(model, data)
     with show('tracing', None) as step:
         result = tracing.trace(data.recording, data.test, data.plant, data.rig.constants, model,
-                               seed, lambda _: step())
+                               seed, lambda _: step(), data.earlier)
     return Trace(result, data.provenance(seed, command))
+
+
+def excitation(data: Data, model: Model) -> exciting.Excitation:
+    """Say whether a recording moves the plant enough for a trace from a model on.
+
+    Args:
+        data: the recording.
+        model: an analytical one of the rig.
+
+    Raises:
+        UserError: the model is not an analytical one.
+    """
+    return exciting.excitation(data.recording, _analytical(model, data))
+
+
+def _analytical(model: Model, data: Data) -> Model:
+    """Take an analytical model to the sample time of the data.
+
+    Raises:
+        UserError: it is not one.
+    """
+    if not kind_named(model.kind).analytical:
+        raise UserError(f'a model of kind {model.kind}; a trace starts from an analytical one')
+    return model.at(data.recording.sample_time)
 
 
 @one_thread()

@@ -207,6 +207,26 @@ class Hidden:
 
 
 @dataclass(frozen=True)
+class Memory:
+    """What earlier recordings did to a model that was traced in a new one.
+
+    Attributes:
+        bags: the recordings that the model at the start came from.
+        used: whether their say was kept: the error on the held-out part of the new recording is
+            no larger for it.
+        moved: parameters that the new recording has otherwise, beyond the errors of both.
+        before, after: RMS error of the model at the start, and of the one that was traced, on
+            held-out stretches of the earlier recordings; larger where the rig is another now.
+    """
+
+    bags: tuple[str, ...]
+    used: bool
+    moved: tuple[str, ...]
+    before: float
+    after: float
+
+
+@dataclass(frozen=True)
 class Remainder:
     """The residual of the plant with all named effects.
 
@@ -287,6 +307,7 @@ class TraceResult:
         runs: of all series, those of the test part first.
         persistence: RMS error of repeating the last sample, on the test part.
         noise: estimated RMS of the noise.
+        memory: of earlier recordings, if there are any.
         fails: whether the model does not fit, and nothing was found that would help.
         parts: how many stretches of the training and of the test part were long enough to run.
     """
@@ -309,6 +330,7 @@ class TraceResult:
     runs: tuple[Run, ...]
     persistence: float
     noise: float
+    memory: Memory | None
     fails: bool
     parts: tuple[int, int]
 

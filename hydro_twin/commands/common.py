@@ -2,6 +2,7 @@
 from __future__ import annotations
 
 import argparse
+from collections.abc import Sequence
 from pathlib import Path
 import shlex
 import sys
@@ -86,15 +87,15 @@ def rig_from(args: argparse.Namespace, model: Model | None = None) -> Rig:
     return rig_of(plant, args.config, dict(args.constant), model)
 
 
-def data_from(args: argparse.Namespace, rig: Rig) -> Data:
-    """Read BAG... and --test.
+def data_from(args: argparse.Namespace, rig: Rig, earlier: Sequence[Path] = ()) -> Data:
+    """Read BAG... and --test, and earlier recordings.
 
     Raises:
         BagError: a bag cannot be read, or lacks a signal.
     """
     from hydro_twin.api import read_data
 
-    return read_data(args.bags, args.test, rig, progress)
+    return read_data(args.bags, args.test, rig, progress, earlier)
 
 
 def command_line() -> str:

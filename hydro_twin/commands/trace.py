@@ -30,6 +30,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
                              'series.csv and figures/')
     parser.add_argument('--model', type=Path, metavar='MODEL',
                         help='a model to start from, instead of a fresh fit')
+    parser.add_argument('--earlier', action='append', default=[], type=Path, metavar='BAG',
+                        help='with --model: a recording that it came from, may be repeated; what '
+                        'has not moved since is taken from both')
     add_seed_argument(parser)
 
 
@@ -45,12 +48,14 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
 
     model = read_model(args.model) if args.model else None
     rig = rig_from(args, model)
+    if args.earlier and model is None:
+        raise UserError('--earlier is for the recordings that a --model came from')
     if model is not None and not kind_named(model.kind).analytical:
         raise UserError(f'{args.model}: a model of kind {model.kind}; a trace starts from an '
                         'analytical one')
     if args.output.exists() and not args.output.is_dir():
         raise UserError(f'{args.output}: is a file; a folder is needed for the report')
-    found = api.trace(data_from(args, rig), model, args.seed, command=command_line(),
+    found = api.trace(data_from(args, rig, args.earlier), model, args.seed, command=command_line(),
                       show=progress)
     return found.save(args.output)
 
@@ -79,6 +84,8 @@ def show(result: dict[str, Any], console: Console) -> None:
     table.add_row('repeating the last sample, test', f'{result["persistence"]["test"]:.4g}', '')
     table.add_row('noise, estimated', f'{result["noise_floor"]:.4g}', '')
     console.print(table)
+    if result['memory']:
+        console.print(f'Earlier recordings: {result["memory"]["says"]}.')
     console.print(f'What remains: {result["remainder"]["says"]}.')
 
 

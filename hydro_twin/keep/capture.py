@@ -1,7 +1,7 @@
 """When a stretch of the ring is captured, and how it gets onto the disk."""
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from dataclasses import dataclass, replace
 from datetime import datetime, UTC
 import json
@@ -142,9 +142,15 @@ def close(captured: Captured, outcome: str) -> None:
     write_durably(captured.folder / OUTCOME, json.dumps({'outcome': outcome}) + '\n')
 
 
-def prune(folder: Path, most: int) -> None:
-    """Delete the oldest captures that are done with, so that so many are left."""
+def prune(folder: Path, most: int, kept: Collection[Path]) -> None:
+    """Delete the oldest captures that are done with, so that so many are left.
+
+    Args:
+        folder: of all captures.
+        most: how many may stay.
+        kept: bags that stay in any case.
+    """
     there = sorted(one for one in folder.iterdir() if not one.name.startswith('.'))
     for one in there[:max(len(there) - most, 0)]:
-        if (one / OUTCOME).exists():
+        if (one / OUTCOME).exists() and one / BAG not in kept:
             shutil.rmtree(one, ignore_errors=True)

@@ -1,8 +1,9 @@
 """The loop of `keep`, without ROS: an event of the twin in, a better model in the store out.
 
     event -> capturing -> tracing -> judging -> promoted -> on probation -> confirmed
-                             |          |                        |
-                           failed   discarded               gone back
+                 ^         |    |       |                        |
+                 `-- not enough |   discarded               gone back
+                              failed
 
 A capture runs beside all else. All methods belong to one thread; what takes long is a job.
 """
@@ -11,6 +12,7 @@ from __future__ import annotations
 from collections import deque
 from collections.abc import Callable, Mapping, Sequence
 from functools import partial
+from itertools import islice
 from pathlib import Path
 from typing import Any
 
@@ -20,11 +22,12 @@ from hydro_twin.keep.follow import BY, Follower
 from hydro_twin.keep.jobs import Jobs
 from hydro_twin.keep.ring import Ring, SECOND
 from hydro_twin.keep.settings import OBSERVE
-from hydro_twin.keep.tracing import Bounds, MIB, trace
+from hydro_twin.keep.tracing import Bounds, MIB, NotEnoughError, trace
 from hydro_twin.keep.trial import Judge
 from hydro_twin.live.diagnostics import Level, Status
 from hydro_twin.live.messages import typestore
 from hydro_twin.recording.signals import SignalMap
+from hydro_twin.store.lineage import recordings, sources
 from hydro_twin.store.store import Store
 from hydro_twin.store.version import CAPTURES, DISCARDED, PROMOTED, Version
 
@@ -42,6 +45,7 @@ class Keeper:
         times: at which steady time which stamp was the newest [ns].
         fault: what went wrong last, on one line; '' after a success.
         troubles: what goes wrong now, a line each.
+        lacking: what the last stretch said too little of, while a better one is waited for.
         champion, challenger: as the store had them last.
     """
 
@@ -70,6 +74,8 @@ class Keeper:
         self.troubles: list[str] = []
         self.champion: Version | None = None
         self.challenger: Version | None = None
+        self.lacking = ''
+        self._settled: int | None = None   # when the residual had risen, on the steady clock [ns]
         self._standing: int | None = None  # since when the model does not hold, or the last try
 
     # What comes in
@@ -87,7 +93,7 @@ class Keeper:
         settled, since = event.get('settled'), None
         if isinstance(settled, int):     # what was before would blur what it has become
             since = next((then for then, stamp in self.times if stamp >= settled), now)
-        self._standing = now
+        self._standing, self._settled, self.lacking = now, since, ''
         self.ask(now, f'refit: the residual is {event.get("rms", 0.0):.4g}, promised '
                       f'{event.get("promised", 0.0):.4g}', since)
 
@@ -98,7 +104,7 @@ class Keeper:
     def informed(self, twins: Sequence[Mapping[str, Any]]) -> None:
         """Hear what the twin runs."""
         if self.twin.informed(twins):
-            self._standing = None
+            self._standing, self.lacking = None, ''
 
     def answered(self, refusal: str) -> None:
         """Hear why the twin refuses the champion, if it does."""
@@ -175,7 +181,10 @@ class Keeper:
         def done(captured: Captured) -> None:
             self.waiting.append(captured)
             self.announce('captured', bag=str(captured.bag), why=list(wanted.why))
-            prune(self.captures, round(self.get('captures')))
+            champion = self.store.champion
+            line = sources(self.store, champion) if champion else iter(())
+            prune(self.captures, round(self.get('captures')),
+                  {Path(source.path) for source in islice(line, self.get('recordings'))})
 
         self.jobs.start('write', partial(write, self.captures, wanted, messages, topics,
                                          typestore()), done,
@@ -189,16 +198,24 @@ class Keeper:
         captured = self.waiting.popleft()
         bounds = Bounds(self.get('trace_time'), self.get('trace_memory'), self.get('nice'))
 
+        def work() -> Path:
+            """Find what the champion came from, and trace."""
+            return trace(captured, champion.model_file.absolute(),
+                         recordings(self.store, champion, self.get('recordings')),
+                         dict(self.signals), bounds, self.jobs.stop)
+
         def failed(error: Exception) -> None:
-            if not self.jobs.stop.is_set():     # else it is traced after the next start
+            if isinstance(error, NotEnoughError):
+                close(captured, f'not enough: {error}')
+                self.announce('not_enough', bag=str(captured.bag), says=str(error))
+                self.lacking = str(error) if self._standing is not None else ''
+            elif not self.jobs.stop.is_set():     # else it is traced after the next start
                 close(captured, f'failed: {error}')
                 self.announce('failed', bag=str(captured.bag), why=str(error))
                 self._fail(f'trace of {captured.bag}: {error}')
 
         self.announce('tracing', bag=str(captured.bag), champion=champion.name)
-        self.jobs.start('trace', partial(trace, captured, champion.model_file.absolute(),
-                                         dict(self.signals), bounds, self.jobs.stop),
-                        partial(self._traced, captured), failed)
+        self.jobs.start('trace', work, partial(self._traced, captured), failed)
 
     def _traced(self, captured: Captured, folder: Path) -> None:
         """Enter what a trace made, and have it judged."""
@@ -212,17 +229,25 @@ class Keeper:
                                 bag={'path': str(captured.bag.relative_to(self.store.path)),
                                      'sha256': captured.sha256})
         close(captured, f'version {made.name}')
-        self.fault = ''
+        self.fault = self.lacking = ''
         self.announce('traced', version=made.name, changed=made.record['changed'])
         self.judge.challenge(champion, made)
 
     def _again(self, now: int) -> None:
-        """Capture anew where the model still does not hold, and nothing is being done about it."""
+        """Capture anew where the model still does not hold, and nothing is being done about it.
+
+        After a stretch that said too little at once: so long that the next one overlaps it.
+        """
         pause = self.get('again')
-        if self._standing is None or not pause:
+        if self._standing is None:
             return
         if self.busy:
             self._standing = now
+        elif self.lacking:
+            self.capture.ask(now, self.get('before'), f'more motion is needed: {self.lacking}',
+                             self._settled)
+        elif not pause:
+            return
         elif now - self._standing > pause * SECOND:
             self._standing = now
             self.ask(now, 'the model still does not hold')
@@ -249,6 +274,7 @@ class Keeper:
             else []
         doing += ['writing a capture'] if self.jobs.busy('write') else []
         doing += ['tracing'] if self.jobs.busy('trace') else []
+        doing += [f'the last stretch was not enough: {self.lacking}'] if self.lacking else []
         doing += [f'{len(self.waiting)} captures to trace'] if self.waiting else []
         doing += [said] if (said := self.judge.says()) else []
         challenger = self.challenger

@@ -25,6 +25,8 @@ SETTINGS = (
     Setting('topics', ('',), 'more topics to capture', read_only=True),
     Setting('captures', 20.0, 'how many captured stretches are kept on the disk',
             bounds=(1.0, 1e6)),
+    Setting('recordings', 3, 'how many recordings of the champion and of those before it a trace '
+            'uses beside the new one, the newest, of 1 GiB in all at most', bounds=(0, 100)),
     Setting('trace_time', 1800.0, 'longest time of a trace [s]', bounds=(1.0, 86400.0)),
     Setting('trace_memory', 8192.0, 'most address space of each process of a trace [MiB]',
             bounds=(256.0, 1048576.0)),

@@ -1,7 +1,7 @@
-"""A trace in a process of its own, with bounds on its time, its memory and its share of cores."""
+"""A trace in processes of their own, with bounds on time, memory and their share of cores."""
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass
 import json
 import os
@@ -9,6 +9,7 @@ from pathlib import Path
 import signal
 import subprocess
 import sys
+from tempfile import TemporaryFile
 from threading import Event
 import time
 
@@ -30,6 +31,10 @@ class TraceError(UserError):
     """A trace gave no model: one line says why."""
 
 
+class NotEnoughError(TraceError):
+    """A stretch says too little: one line says what is lacking, and which motion would show it."""
+
+
 @dataclass(frozen=True)
 class Bounds:
     """What a trace may use: time [s], memory of each of its processes [MiB], niceness."""
@@ -45,21 +50,23 @@ def other_cores() -> list[int]:
     return cores[1:] or cores
 
 
-def trace(captured: Captured, champion: Path, signals: Mapping[str, SignalMap], bounds: Bounds,
-          stop: Event) -> Path:
-    """Trace a captured stretch from the champion on.
+def trace(captured: Captured, champion: Path, earlier: Sequence[Path],
+          signals: Mapping[str, SignalMap], bounds: Bounds, stop: Event) -> Path:
+    """Trace a captured stretch from the champion on, if it says enough.
 
     Args:
         captured: where report and model go, too.
         champion: model file to start from; the trace has its sample time and its constants.
+        earlier: recordings that the champion came from.
         signals: where the signals are in the bag.
-        bounds: of the process.
+        bounds: of the processes.
         stop: ends it early.
 
     Returns:
         The folder with model.yaml and report.json.
 
     Raises:
+        NotEnoughError: the stretch moves the rig too little.
         TraceError: it failed, took too long, or was stopped.
         ModelError: the champion cannot be read.
     """
@@ -69,34 +76,71 @@ def trace(captured: Captured, champion: Path, signals: Mapping[str, SignalMap], 
         'plant': model.plant.name, 'sample_time': model.sample_time,
         'signals': {name: asdict(where) for name, where in signals.items()},
         'constants': dict(model.constants)}}}, sort_keys=False))
-    spec = {'nice': bounds.nice, 'memory': int(bounds.memory * MIB), 'cores': other_cores()}
-    command = [sys.executable, '-m', 'hydro_twin.keep.confined', json.dumps(spec), 'trace',
-               str(captured.bag), '--plant', model.plant.name, '--model', str(champion),
-               '--config', str(config), '-o', str(output)]
-    said = captured.folder / 'trace.log'
-    with said.open('wb') as log, subprocess.Popen(
-            command, stdin=subprocess.DEVNULL, stdout=log, stderr=subprocess.STDOUT,
-            start_new_session=True, env={**os.environ, 'NO_COLOR': '1'}) as running:
-        reason = _wait(running, bounds.time, stop)
-    if reason:
-        raise TraceError(reason)
-    if running.returncode:
-        lines = [line for line in said.read_text('utf-8', 'replace').splitlines() if line.strip()]
-        raise TraceError(_last(lines, running.returncode))
+    verbs = _Verbs(captured.folder, bounds, stop)
+    rig = ['--model', str(champion), '--config', str(config)]
+    judged = json.loads(verbs.run('excitation', str(captured.bag), *rig, '--json'))
+    if not judged['enough']:
+        raise NotEnoughError(judged['says'])
+    words = ['trace', str(captured.bag), '--plant', model.plant.name, *rig, '-o', str(output)]
+    known = [word for bag in earlier for word in ('--earlier', str(bag))]
+    try:
+        verbs.run(*words, *known)
+    except _BadInputError:
+        if not known:
+            raise
+        verbs.run(*words)       # an earlier recording may be of other topics
     if not (output / MODEL).is_file():
         raise TraceError('the trace wrote no model')
     return output
 
 
-def _wait(running: subprocess.Popen[bytes], longest: float, stop: Event) -> str:
-    """Wait for a process; returns why it was ended, or ''."""
-    end = time.monotonic() + longest
-    while running.poll() is None:
-        if time.monotonic() > end or stop.wait(POLL):
-            os.killpg(running.pid, signal.SIGKILL)
-            running.wait()
-            return 'stopped' if stop.is_set() else f'took longer than {longest:g} s'
-    return ''
+class _BadInputError(TraceError):
+    """A verb refused what it was given."""
+
+
+class _Verbs:
+    """Runs verbs one after another within one set of bounds; what they say is in trace.log."""
+
+    def __init__(self, folder: Path, bounds: Bounds, stop: Event) -> None:
+        self.log = folder / 'trace.log'
+        self.log.unlink(missing_ok=True)
+        self.bounds, self.stop = bounds, stop
+        self.end = time.monotonic() + bounds.time
+
+    def run(self, *words: str) -> bytes:
+        """Run a verb to its end; returns what it printed.
+
+        Raises:
+            TraceError: it failed, there was no time left, or it was stopped.
+        """
+        spec = {'nice': self.bounds.nice, 'memory': int(self.bounds.memory * MIB),
+                'cores': other_cores()}
+        command = [sys.executable, '-m', 'hydro_twin.keep.confined', json.dumps(spec), *words]
+        with (self.log.open('ab') as log, TemporaryFile() as out, subprocess.Popen(
+                command, stdin=subprocess.DEVNULL, stdout=out, stderr=log,
+                start_new_session=True, env={**os.environ, 'NO_COLOR': '1'}) as running):
+            reason = self._wait(running)
+            out.seek(0)
+            printed = out.read()
+            log.write(printed)
+        if reason:
+            raise TraceError(reason)
+        if running.returncode:
+            lines = [line for line in self.log.read_text('utf-8', 'replace').splitlines()
+                     if line.strip()]
+            kind = _BadInputError if running.returncode == 2 else TraceError
+            raise kind(_last(lines, running.returncode))
+        return printed
+
+    def _wait(self, running: subprocess.Popen[bytes]) -> str:
+        """Wait for a process; returns why it was ended, or ''."""
+        while running.poll() is None:
+            if time.monotonic() > self.end or self.stop.wait(POLL):
+                os.killpg(running.pid, signal.SIGKILL)
+                running.wait()
+                return 'stopped' if self.stop.is_set() else (
+                    f'took longer than {self.bounds.time:g} s')
+        return ''
 
 
 def _last(lines: list[str], status: int) -> str:

@@ -11,6 +11,7 @@ from hydro_twin.model import Model
 from hydro_twin.result import (
     BestNamed,
     FoundCurve,
+    Memory,
     NamedEffect,
     Remainder,
     SERIES,
@@ -55,6 +56,7 @@ def summarise(result: TraceResult) -> dict[str, Any]:
         'parameters': {'before': parameters(result.before), 'after': parameters(result.after)},
         'persistence': {'test': result.persistence},
         'noise_floor': result.noise,
+        'memory': result.memory and _memory(result.memory, result.plant.output.unit),
         'remainder': {
             'white': remainder.white,
             'lines_hz': [line.frequency for line in remainder.lines],
@@ -191,6 +193,18 @@ def _effect(effect: NamedEffect, estimates: dict[str, Any]) -> dict[str, Any]:
         'certain': effect.certain,
         'rivals': [{'id': name, 'delta_bic': distance} for name, distance in effect.rivals],
     }
+
+
+def _memory(memory: Memory, unit: str) -> dict[str, Any]:
+    moved = ', '.join(memory.moved) or 'no parameter'
+    kept = (f'{moved} moved beyond the errors, and the rest is from all recordings'
+            if memory.used else
+            'what they say of the parameters does not go with the new recording, and was left out')
+    after = '' if unit == '1' else f' {unit}'
+    return {'bags': list(memory.bags), 'used': memory.used, 'moved': list(memory.moved),
+            'held_out': {'before': memory.before, 'after': memory.after},
+            'says': f'{kept}; on the earlier ones the error is {_short(memory.after)}{after}, and '
+                    f'was {_short(memory.before)}{after}'}
 
 
 def _best_named(named: BestNamed) -> dict[str, Any]:

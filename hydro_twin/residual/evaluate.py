@@ -48,7 +48,8 @@ def result_of(found: Evidence) -> TraceResult:
     errors = {when: _errors(found, predicted[when])
               | horizon_errors(fit.candidate, found.recordings)
               for when, fit in fits.items()}
-    known = {when: fit.identifiability() for when, fit in fits.items()}
+    known = {'before': found.before.identifiability(),
+             'after': found.known or found.final.identifiability()}
     models = {when: fitted_model(fit, known[when],
                                  {'before': errors['before'], 'after': errors[when]})
               for when, fit in fits.items()}
@@ -69,6 +70,7 @@ def result_of(found: Evidence) -> TraceResult:
         improvement=found.improvement, hidden=found.hidden, remainder=_remainder(found),
         series=_by_series(found, predicted), runs=_runs(found, series, predicted),
         persistence=persistence(found.recordings['test'], found.plant), noise=found.floor,
+        memory=found.memory,
         fails=found.fails, parts=(len(found.train), len(found.test)))
 
 

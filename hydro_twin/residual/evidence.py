@@ -5,13 +5,14 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 from hydro_twin.fitting.free_run import Fit
+from hydro_twin.fitting.identifiability import Identifiability
 from hydro_twin.fitting.parts import Part
 from hydro_twin.plants import Plant
 from hydro_twin.recording.series import Recording
 from hydro_twin.residual.chain import Finding, HELD_OUT
 from hydro_twin.residual.curve import FittedCurve
 from hydro_twin.residual.noise import Burst
-from hydro_twin.result import BestNamed, Dependence, Hidden, Improvement, Line
+from hydro_twin.result import BestNamed, Dependence, Hidden, Improvement, Line, Memory
 
 LOUD = 6.0              # error over that of the noise, beyond which it cannot all be noise
 
@@ -36,7 +37,9 @@ class Evidence:
         drifts: (share, p-value) of a drift of the parameters in what is left.
         by_ports: (share, p-value) of what is left that the port signals predict.
         found: a curve without a name, on top of `after`.
-        tested, best_named: see `TraceResult`.
+        known: what all recordings determine of `final`, where earlier ones were used; None: what
+            the parts that were fitted do.
+        tested, best_named, memory: see `TraceResult`.
     """
 
     plant: Plant
@@ -60,6 +63,8 @@ class Evidence:
     found: FittedCurve | None = None
     tested: int = 0
     best_named: BestNamed | None = None
+    known: Identifiability | None = None
+    memory: Memory | None = None
 
     @property
     def final(self) -> Fit:

@@ -6,7 +6,7 @@ and correlate with the residual.
 """
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 import math
@@ -170,19 +170,10 @@ def _promise(prospect: Prospect) -> float:
 
 
 def hidden(fit: Fit, parts: Sequence[Part]) -> list[Hidden]:
-    """List the effects that would not have shown at any strength tried, and limits beyond reach.
-
-    An effect shows if what it does beyond re-tuning would stand out of the residual as it is.
-    """
+    """List the effects that would not have shown at any strength, and limits beyond reach."""
     reach = spans(fit.candidate, parts)
-    basis = _tuning(fit)
-    noise = _untuned(fit.residual, basis)
-    visible = VISIBLE * float(noise @ noise) / len(noise)
-    everywhere = places(fit.candidate.plant, fit.candidate.effects)
-    begun = [_starts(effect, port, reach[port]) for effect, port in everywhere]
-    showing = in_processes(partial(_shows, _without(fit, parts), parts, basis, visible), begun)
     found = []
-    for (effect, port), shown in zip(everywhere, showing, strict=True):
+    for effect, port, shown in visible(fit, parts, reach):
         if not shown or effect.beyond_reach:
             unit = '' if port.unit == '1' else f' {port.unit}'
             says = effect.excitation if not shown else (
@@ -190,6 +181,27 @@ def hidden(fit: Fit, parts: Sequence[Part]) -> list[Hidden]:
                 f'a limit beyond that cannot show')
             found.append(Hidden(effect.id, port.name, says))
     return found
+
+
+def visible(fit: Fit, parts: Sequence[Part], reach: Mapping[Port, Span]
+            ) -> list[tuple[Effect, Port, bool]]:
+    """Say of every effect at every port whether it would show at any strength tried.
+
+    It does if what it does beyond re-tuning would stand out of the residual as it is.
+
+    Args:
+        fit: of a model.
+        parts: what was recorded.
+        reach: see `spans`.
+    """
+    basis = _tuning(fit)
+    noise = _untuned(fit.residual, basis)
+    least = VISIBLE * float(noise @ noise) / len(noise)
+    everywhere = places(fit.candidate.plant, fit.candidate.effects)
+    begun = [_starts(effect, port, reach[port]) for effect, port in everywhere]
+    showing = in_processes(partial(_shows, _without(fit, parts), parts, basis, least), begun)
+    return [(effect, port, shown)
+            for (effect, port), shown in zip(everywhere, showing, strict=True)]
 
 
 def _shows(without: _Without, parts: Sequence[Part], basis: FloatArray, visible: float,

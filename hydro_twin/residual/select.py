@@ -85,11 +85,11 @@ def search_all(candidates: Sequence[Model], parts: Sequence[Part], evaluations: 
 
 def _problems(candidates: Sequence[Model], parts: Sequence[Part]) -> list[Problem]:
     """Set up the fit of each candidate."""
-    return [Problem(candidate, _searched(candidate), parts) for candidate in candidates]
+    return [Problem(candidate, searched(candidate), parts) for candidate in candidates]
 
 
-def _searched(candidate: Model) -> list[Unknown]:
-    """List the unknowns of a candidate."""
+def searched(candidate: Model) -> list[Unknown]:
+    """List the unknowns of a candidate, see `search`."""
     plant = candidate.plant
     delayed = any(placed.effect.shifts for placed in candidate.effects)
     unknowns = plant_unknowns(plant, 'physical')

@@ -30,6 +30,7 @@ from hydro_twin.residual.evaluate import result_of
 from hydro_twin.residual.evidence import Evidence
 from hydro_twin.residual.excerpt import excerpt, harmless_factor, resampled, thin
 from hydro_twin.residual.limits import without_unreached
+from hydro_twin.residual.memory import named, remember
 from hydro_twin.residual.noise import bursts, lines, noise_floor
 from hydro_twin.residual.proof import improvement, proof, residuals
 from hydro_twin.residual.screen import hidden
@@ -38,6 +39,7 @@ from hydro_twin.residual.select import (
     CLEARLY,
     criterion,
     fit_alternatives,
+    free_run_error,
     search,
     search_all,
     unrefined,
@@ -46,6 +48,7 @@ from hydro_twin.residual.structure import dependences, drift, predicted_by_ports
 from hydro_twin.residual.weighing import best_named, with_curve
 from hydro_twin.result import (
     Improvement,
+    Memory,
     SERIES,
     SIXTH,
     THIRD,
@@ -54,12 +57,14 @@ from hydro_twin.result import (
 
 AT_LAST = 60_000        # samples of a thinned recording that are all used in the final fit
 EVERY = 1000            # effects fitted in full in the first round
+SAME = 1.02             # ratio of mean square errors on held-out data up to which none is worse
 
 
 @one_thread()
 def trace(recording: Recording, test: Recording | None, plant: Plant,
           constants: Mapping[str, float] | None = None, model: Model | None = None,
-          seed: int = 0, progress: Callable[[str], None] = lambda _: None) -> TraceResult:
+          seed: int = 0, progress: Callable[[str], None] = lambda _: None,
+          earlier: Recording | None = None) -> TraceResult:
     """Find what a plant's linear model lacks of a recording.
 
     Args:
@@ -74,11 +79,15 @@ def trace(recording: Recording, test: Recording | None, plant: Plant,
         model: where to start, instead of a fresh fit of the linear plant.
         seed: of the random starts and of the bootstrap.
         progress: called with what is being done.
+        earlier: what the model to start from was made of, see `memory`.
 
     Raises:
         DataError: a recording is too short, constant or not finite.
     """
     found = evidence(recording, test, plant, constants, model, seed, progress)
+    if earlier is not None and model is not None:
+        progress('earlier recordings')
+        found = _with_memory(found, model, earlier, seed)
     progress('result')
     return result_of(found)
 
@@ -101,6 +110,39 @@ def evidence(recording: Recording, test: Recording | None, plant: Plant,
     again = _search(*split(recording, SIXTH, 1), plant, constants, model, seed, progress,
                     found.after.candidate)
     return replace(again, tested=SIXTH) if again.additions >= found.additions else found
+
+
+def _with_memory(found: Evidence, model: Model, earlier: Recording, seed: int) -> Evidence:
+    """Keep what the recordings that a model came from say, where the new one does not mind.
+
+    Args:
+        found: in the new recording, from the model on.
+        model: that was started from.
+        earlier: what it came from; the first third of every series tests.
+        seed: of the bootstrap.
+    """
+    sample_time = found.before.candidate.sample_time
+    train, held_out = (excerpt(parts_of(part, found.plant), found.plant, sample_time)
+                       for part in split(earlier))
+    start, alone = resampled(model, sample_time), found.final
+    together = remember(alone, found.fitted, start, train)
+    new = excerpt(found.test, found.plant, sample_time)
+    used = _mean_square(together.fit, new) <= SAME * _mean_square(alone, new)
+    memory = Memory(
+        tuple(source.path for source in earlier.sources), used,
+        tuple(named(alone.candidate, unknown) for unknown in together.moved),
+        *(free_run_error(one, held_out)
+          for one in (start, (together.fit if used else alone).candidate)))
+    if not used:
+        return replace(found, memory=memory)
+    final = ({'after': together.fit} if found.found is None else
+             {'found': replace(found.found, fit=together.fit)})
+    return replace(found, **final, memory=memory, known=together.known,
+                   improvement=_gain(found.before, together.fit, found.recordings['test'], seed))
+
+
+def _mean_square(fit: Fit, parts: Sequence[Part]) -> float:
+    return rms(np.concatenate(residuals(fit, parts))) ** 2
 
 
 def _one_way(parts: tuple[Recording, Recording], plant: Plant) -> bool:

@@ -15,8 +15,9 @@ from hydro_twin.keep import keeper as module
 from hydro_twin.keep.keeper import Keeper
 from hydro_twin.keep.ring import SECOND
 from hydro_twin.keep.settings import SETTINGS
-from hydro_twin.keep.tracing import TraceError
+from hydro_twin.keep.tracing import NotEnoughError, TraceError
 from hydro_twin.recording.digest import source_of
+from hydro_twin.store.lineage import recordings
 from hydro_twin.store.store import Store
 
 STORE = get_typestore(Stores.ROS2_JAZZY)
@@ -34,7 +35,8 @@ class Loop:
             'after': 5.0, 'policy': 'auto', 'trial_least': 0.0, 'trial': 60.0} | values
         self.told: list[tuple[str, dict[str, object]]] = []
         self.asked: list[Path] = []
-        self.refusal = ''
+        self.refusal = self.lacks = ''
+        self.earlier: list[list[Path]] = []
         self.finds: Path | None = write(folder / 'found.yaml', FRICTION)
         self.now = 1000 * SECOND
         self.first = write(folder / 'first.yaml')
@@ -53,7 +55,10 @@ class Loop:
         self.keeper.informed([{'name': '', 'path': str(path), 'mode': 'free_run',
                                'sha256': source_of(path).sha256}])
 
-    def _trace(self, captured, champion, signals, bounds, stop) -> Path:
+    def _trace(self, captured, champion, earlier, signals, bounds, stop) -> Path:
+        self.earlier.append(earlier)
+        if self.lacks:
+            raise NotEnoughError(self.lacks)
         if self.finds is None:
             raise TraceError('it holds no 3 samples in a row')
         shutil.copy(self.finds, captured.folder / 'model.yaml')
@@ -245,6 +250,47 @@ def test_where_the_model_still_does_not_hold_another_capture_follows(loop: Loop)
     loop.values['again'] = 0.0
     loop.tick(300)
     assert loop.events().count('captured') == 2
+
+
+def test_a_stretch_that_says_too_little_is_followed_by_a_longer_one(loop: Loop) -> None:
+    loop.lacks = 'J not at all: move u_m near 8 Hz'
+    loop.values |= {'before': 30.0, 'after': 5.0}
+    loop.tick(2)
+    loop.keeper.refit(loop.now, REFIT | {'settled': 0})
+    loop.until(lambda: 'not_enough' in loop.events())
+    loop.tick()
+    assert 'the last stretch was not enough: J not at all' in loop.said()
+    assert not loop.keeper.fault
+    assert 29.0 <= loop.keeper.capture.left(loop.now) <= 30.0
+    loop.lacks = ''
+    loop.until(lambda: 'traced' in loop.events())
+    assert 'not enough' not in loop.said()
+    assert loop.events().count('captured') == 2
+    # Without an event of the twin it is told, and left at that.
+    loop.judged(4.0, 1.0)
+    loop.lacks = 'all is at rest'
+    loop.keeper.ask(loop.now, 'a person')
+    loop.until(lambda: loop.events().count('not_enough') == 2)
+    loop.tick(100)
+    assert loop.events().count('captured') == 3
+
+
+def test_a_trace_has_the_recordings_that_the_champion_came_from(loop: Loop) -> None:
+    loop.values |= {'captures': 1, 'recordings': 2}
+    loop.tick(2)
+    bags = []
+    for count in range(1, 5):
+        loop.keeper.ask(loop.now, 'a person')
+        loop.until(lambda count=count: loop.events().count('traced') == count)
+        loop.judged(4.0, 1.0)
+        bags.append(loop.keeper.store.path / loop.keeper.store.champion.record['bag']['path'])
+    # The newest two, the newest first; none of them was counted out, and the oldest was.
+    assert loop.earlier == [[], bags[:1], [bags[1], bags[0]], [bags[2], bags[1]]]
+    assert [bag.exists() for bag in bags] == [False, True, True, True]
+    # One that was changed since is not what the champion came from.
+    next(bags[3].iterdir()).write_bytes(b'')
+    assert recordings(loop.keeper.store, loop.keeper.store.champion, 2) == [bags[2], bags[1]]
+    assert recordings(loop.keeper.store, loop.keeper.store.champion, 0) == []
 
 
 def test_a_store_that_is_damaged_meanwhile_is_told_and_survived(loop: Loop) -> None:

@@ -129,6 +129,6 @@ def test_captures_are_traced_once_and_the_oldest_go(tmp_path):
     for one in made[:2]:
         close(one, 'failed')
     assert untraced(folder) == made[2:]
-    prune(folder, 1)
+    prune(folder, 1, {made[1].bag})
     assert untraced(folder) == made[2:]             # what waits is kept
     assert not made[0].folder.exists()

@@ -11,13 +11,17 @@ import sys
 from threading import Event, Timer
 import time
 
+import numpy as np
 import pytest
 from store_models import write
 
+from hydro_twin.commands.main import main
 from hydro_twin.keep.capture import Captured
-from hydro_twin.keep.tracing import Bounds, other_cores, trace, TraceError
+from hydro_twin.keep.tracing import Bounds, NotEnoughError, other_cores, trace, TraceError
 from hydro_twin.plants import plant_named
+from hydro_twin.recording.series import Series
 from hydro_twin.recording.signals import load_signals
+from hydro_twin.recording.write import write_recording
 
 ROOT = Path(__file__).resolve().parents[2]
 SIGNALS = load_signals('load_simulator',
@@ -67,16 +71,37 @@ def test_what_goes_wrong_is_one_line(tmp_path: Path, bounds: Bounds, stop: float
     if stop:
         Timer(stop, ended.set).start()
     with pytest.raises(TraceError, match=says) as raised:
-        trace(captured(tmp_path / 'captured', bag), model, SIGNALS, bounds, ended)
+        trace(captured(tmp_path / 'captured', bag), model, [], SIGNALS, bounds, ended)
     assert '\n' not in str(raised.value)
     assert str(raised.value)
+
+
+def test_a_stretch_at_rest_is_not_traced(tmp_path: Path) -> None:
+    bag = tmp_path / 'still'
+    write_recording(bag, [Series({name: np.zeros(1000) for name in SIGNALS}, 0.002)], SIGNALS)
+    there = captured(tmp_path / 'captured', bag)
+    with pytest.raises(NotEnoughError, match='T_g never moves in the recording'):
+        trace(there, write(tmp_path / 'model.yaml'), [], SIGNALS, Bounds(600.0, 8192.0, 0),
+              Event())
+    assert not (there.folder / 'trace').exists()
+
+
+@pytest.mark.slow
+def test_an_earlier_recording_that_cannot_be_read_is_left_out(tmp_path: Path) -> None:
+    assert main(['simulate', '--plant', 'load_simulator', '--duration', '4', '--noise', '0.5',
+                 '-o', str(tmp_path / 'bag')]) == 0
+    there = captured(tmp_path / 'captured', tmp_path / 'bag')
+    found = trace(there, write(tmp_path / 'model.yaml'), [tmp_path / 'gone'], SIGNALS,
+                  Bounds(600.0, 8192.0, 0), Event())
+    assert json.loads((found / 'report.json').read_text())['memory'] is None
+    assert 'gone' in (there.folder / 'trace.log').read_text()
 
 
 def test_a_trace_ends_with_the_node_even_where_that_is_killed(tmp_path: Path) -> None:
     code = ('import sys\nfrom pathlib import Path\nfrom threading import Event\n'
             'from hydro_twin.keep.capture import Captured\n'
             'from hydro_twin.keep.tracing import Bounds, trace\n'
-            'trace(Captured(Path(sys.argv[1]), "0"), Path(sys.argv[2]), {}, '
+            'trace(Captured(Path(sys.argv[1]), "0"), Path(sys.argv[2]), [], {}, '
             'Bounds(600.0, 8192.0, 0), Event())\n')
     there = captured(tmp_path / 'captured', ROOT / 'bags' / 'rig_a')
     model = write(tmp_path / 'model.yaml')

@@ -17,7 +17,7 @@ VALUES = PLANT.constant_values() | {p.name: (p.lower * p.upper) ** 0.5 for p in 
 
 
 def record(*effects, seed=0, noise=0.5, count=3, duration=3.0, plant=PLANT, amplitude=0.1,
-           bus=0.002):
+           bus=0.002, values=VALUES):
     """Record series under random multisines; effects as (id, port, parameters)."""
     rng = np.random.default_rng(seed)
     placed = [place(*effect, plant) for effect in effects]
@@ -35,7 +35,7 @@ def record(*effects, seed=0, noise=0.5, count=3, duration=3.0, plant=PLANT, ampl
         def shaft(t):
             return 0.02 * gate(t) * np.sin(2 * np.pi * 1.3 * t)
 
-        one = simulate(plant, VALUES, placed, {'u_m': command, 'theta_d': shaft}, duration,
+        one = simulate(plant, values, placed, {'u_m': command, 'theta_d': shaft}, duration,
                        start=10_000_000_000 * (index + 1))
         torque = one['T_g'] + noise * rng.standard_normal(len(one))
         series.append(replace(one, columns={**one.columns, 'T_g': torque}))

@@ -45,7 +45,7 @@ def main(folder, model, kills):
         child = os.fork()
         if not child:
             write_for_ever(store, Path(model), k)
-        end = time.monotonic() + rng.uniform(0.02, 0.4)
+        end = time.monotonic() + rng.uniform(0.02, 0.4) * (1.0 + k / 15.0)
         while time.monotonic() < end:      # a reader beside the writer
             store.versions()
             assert store.champion is None or store.champion.model_file.is_file()
