@@ -33,7 +33,8 @@ class Rows:
     R: FloatArray
     z: FloatArray
 
-    def without(self, columns: Sequence[int], at: FloatArray, log: Sequence[bool] | BoolArray) -> Rows:
+    def without(self, columns: Sequence[int], at: FloatArray, log: Sequence[bool] | BoolArray
+                ) -> Rows:
         """Eliminate parameters; their columns are zero then.
 
         Each is taken to be `WIDE` about its estimate. If it could be anything, those that go

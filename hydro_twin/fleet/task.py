@@ -111,14 +111,14 @@ def factor_of(result: TraceResult, values: dict[str, dict[str, Any]]) -> dict[st
     names, at, scale = [], [], []
     for name, index in factor.names:
         if index is not None:
-            placed = after.placed[index]
+            placed = after.effects[index]
             names.append(f'{placed.effect.id} at {placed.port.name}: {name}')
             at.append(placed.named[name])
             scale.append(1.0)
         else:                   # by the combination that it stands for, if it does
             names.append(together.get(name, name))
             at.append(values[names[-1]]['value'])
-            scale.append(powers.get(name, 1) * after.parameters[name].value / at[-1])
+            scale.append(powers.get(name, 1) * after.values[name] / at[-1])
     return {'names': names, 'values': at, 'rows': (factor.R * scale).tolist(),
             'step': factor.step.tolist()}
 
