@@ -284,6 +284,26 @@ class Run:
 
 
 @dataclass(frozen=True)
+class Factor:
+    """What the data say of the parameters of a model, to be combined with other data.
+
+    With d, what is added to the values of the model, |R d - step|^2 is twice the negative
+    log-likelihood, but for a constant. What is no parameter, as the timing of the inputs, is
+    eliminated.
+
+    Attributes:
+        names: (parameter of the plant or of an effect, index of the effect or None), p of them.
+            The first parameter of a combination stands for all of it.
+        R: (k, p), by the parameters in their units; rows for what is determined only.
+        step: (k,).
+    """
+
+    names: tuple[tuple[str, int | None], ...]
+    R: FloatArray
+    step: FloatArray
+
+
+@dataclass(frozen=True)
 class TraceResult:
     """What a trace found.
 
@@ -295,6 +315,7 @@ class TraceResult:
             with the errors that are reported.
         combinations: 'before' and 'after' -> of each of the plant's combinations the value and
             its standard error.
+        factor: of the model after.
         effects: named, in the order in which they were added.
         shapes: of each of these, what it adds at its port; of linear dynamics, the error over
             their first parameter.
@@ -319,6 +340,7 @@ class TraceResult:
     before: Model
     after: Model
     combinations: Mapping[str, tuple[Estimate, ...]]
+    factor: Factor
     effects: tuple[NamedEffect, ...]
     shapes: tuple[Shape | Profile | OverTime, ...]
     found: FoundCurve | None

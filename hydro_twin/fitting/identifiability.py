@@ -5,6 +5,7 @@ from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from scipy.linalg import solve_triangular
 
 from hydro_twin.fitting.regression import triangle
 from hydro_twin.recording.series import FloatArray
@@ -31,6 +32,10 @@ class Identifiability:
             hold for these as they are.
         coordinates: what the rows of the covariance stand for.
         covariance: of the coordinates, shape (len(coordinates),) * 2.
+        factor: of the information, (k, len(coordinates)), k independent rows; directions without
+            effect are in none of them. With d, what is added to the coordinates of the fit,
+            |factor d - step|^2 is twice the negative log-likelihood, but for a constant.
+        step: (k,); zero where the search ended at the least sum of squares.
     """
 
     std_error: Mapping[str, float | None]
@@ -39,6 +44,8 @@ class Identifiability:
     at_bound: tuple[str, ...]
     coordinates: tuple[str, ...]
     covariance: FloatArray
+    factor: FloatArray
+    step: FloatArray
 
 
 def assess(
@@ -62,6 +69,7 @@ def assess(
     """
     labels, picked = _coordinates(names, combinations, at_bound)
     scores = np.zeros((len(labels), len(labels)))               # S = scores' scores
+    gradient = np.zeros(len(labels))                            # J'r
     samples = 0
 
     def blocks() -> Iterable[FloatArray]:
@@ -69,6 +77,7 @@ def assess(
         for jacobian, residual in stretches:
             columns = jacobian @ picked
             samples += residual.size
+            gradient[:] += columns.T @ residual
             scores[...] = triangle((scores, _score_windows(columns, residual)))
             yield columns
 
@@ -94,7 +103,21 @@ def assess(
         at_bound=tuple(name for name in names if name in at_bound),
         coordinates=tuple(labels),
         covariance=root @ root.T,
+        factor=(factor := _information(Vt[known], root)),
+        step=factor @ W @ (W.T @ gradient),
     )
+
+
+def _information(V: FloatArray, root: FloatArray) -> FloatArray:
+    """Invert the covariance root root' within the directions V, (k, d); returns a factor, (k, d).
+
+    A fit without any scatter has none: its rows would be infinite.
+    """
+    T = triangle(((V @ root).T,)) if V.size else V
+    if not np.diagonal(T).all():
+        return np.zeros((0, V.shape[1]))
+    factor: FloatArray = solve_triangular(T, V, trans='T') if V.size else V
+    return factor
 
 
 def _coordinates(

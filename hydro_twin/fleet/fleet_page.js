@@ -3,41 +3,61 @@
 
 const DATA = JSON.parse(document.getElementById('data').textContent);
 const PANEL = {width: 96, height: 44, top: 13, side: 4};
+const MORE = 50;            // rows that are laid out at once, as the page is scrolled
 const body = document.querySelector('.rigs tbody');
 const heads = [...document.querySelectorAll('.rigs th')];
+// All rows, as they are sorted; those that match the filter; the first so many of these are shown.
+const rows = [...body.rows, ...document.getElementById('rest').content.children];
+let matching = rows, shown = body.rows.length;
 
 function valueOf(row, column) {
   const cell = row.cells[column];
   return 'v' in cell.dataset ? Number(cell.dataset.v) : cell.textContent.trim();
 }
 
+function show() {
+  const words = document.getElementById('filter').value.toLowerCase().split(/\s+/);
+  matching = rows.filter(row => {
+    const text = row.textContent.toLowerCase();
+    return words.every(word => text.includes(word));
+  });
+  document.getElementById('shown').textContent = matching.length === rows.length ? '' :
+    `${matching.length} of ${rows.length}`;
+  shown = 0;
+  body.replaceChildren();
+  showMore();
+}
+
+function showMore(count = MORE) {
+  const added = matching.slice(shown, shown + count);
+  body.append(...added);
+  shown += added.length;
+  for (const row of added) watch.observe(row.querySelector('canvas'));
+  if (added.length) {           // observed anew, it tells whether it is still in view
+    ending.unobserve(END);
+    ending.observe(END);
+  }
+}
+
 function sortBy(column, way) {
-  const rows = [...body.rows].map(row => [valueOf(row, column), row]);
-  const compare = (a, b) => typeof a === 'number' ? a - b :
+  const keys = new Map(rows.map(row => [row, valueOf(row, column)]));
+  const compare = (a, b) => typeof a === 'number' ? way * (a - b) :
     (a === '') - (b === '') || way * a.localeCompare(b, undefined, {numeric: true});
-  rows.sort(([a], [b]) => typeof a === 'number' ? way * compare(a, b) : compare(a, b));
-  body.append(...rows.map(([, row]) => row));
+  rows.sort((a, b) => compare(keys.get(a), keys.get(b)));
   heads.forEach((head, k) => k === column ?
     head.setAttribute('aria-sort', way > 0 ? 'ascending' : 'descending') :
     head.removeAttribute('aria-sort'));
+  show();
 }
 
 heads.forEach((head, column) => head.querySelector('button')?.addEventListener('click', () => {
-  const number = 'v' in (body.rows[0]?.cells[column].dataset ?? {});
+  const number = 'v' in (rows[0]?.cells[column].dataset ?? {});
   const now = head.getAttribute('aria-sort');
   sortBy(column, now === 'descending' ? 1 : now === 'ascending' ? -1 : number ? -1 : 1);
 }));
 
-document.getElementById('filter').addEventListener('input', event => {
-  const words = event.target.value.toLowerCase().split(/\s+/);
-  let shown = 0;
-  for (const row of body.rows) {
-    const text = row.textContent.toLowerCase();
-    row.hidden = !words.every(word => text.includes(word));
-    shown += !row.hidden;
-  }
-  document.getElementById('shown').textContent = `${shown} of ${body.rows.length}`;
-});
+document.getElementById('filter').addEventListener('input', show);
+addEventListener('beforeprint', () => showMore(Infinity));
 
 // One scale for all rigs of a group: over time, and over each parameter.
 const scaled = (value, log) => log ? Math.log(value) : value;
@@ -111,3 +131,9 @@ const watch = new IntersectionObserver(entries => {
   }
 }, {rootMargin: '300px'});
 for (const row of body.rows) watch.observe(row.querySelector('canvas'));
+
+const END = document.getElementById('end');
+const ending = new IntersectionObserver(entries => {
+  if (entries.some(entry => entry.isIntersecting)) showMore();
+}, {rootMargin: '600px'});
+ending.observe(END);

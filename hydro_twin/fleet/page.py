@@ -8,6 +8,7 @@ from hydro_twin.report.page import environment, NOT_KNOWN, short, spread
 
 PANELS = 6              # small multiples of a rig at most: the parameters that most rigs have
 REPORTS = 12            # links to periods of a rig at most, the last ones
+ROWS = 50               # that are laid out as the page opens; the others as it is scrolled
 DIGITS = 5
 
 
@@ -19,7 +20,7 @@ def page(fleet: Mapping[str, Any]) -> str:
     panels = {group: sorted(usual, key=lambda name: -usual[name]['rigs'])[:PANELS]
               for group, usual in fleet['groups'].items()}
     return pages.get_template('fleet_page.html').render(
-        fleet=fleet, rigs=fleet['rigs'], groups=fleet['groups'], reports=REPORTS,
+        fleet=fleet, rigs=fleet['rigs'], groups=fleet['groups'], reports=REPORTS, rows=ROWS,
         labels=sorted({label for rig in fleet['rigs'] for label in rig['labels']}),
         count={'out': sum(bool(rig['score']) and rig['score']['out'] for rig in fleet['rigs']),
                'failed': sum(bool(rig['problems']) for rig in fleet['rigs'])},

@@ -24,6 +24,7 @@ from hydro_twin.recording.rig import Rig
 from hydro_twin.recording.series import Source
 
 RESULTS = 'results'
+FORMAT = 2                  # of the record
 RECORD = 'result.json'      # what the tables are made of; the other files are those of a trace
 
 
@@ -37,7 +38,7 @@ def key_of(bags: Sequence[Source], rig: Rig, seed: int) -> str:
         'bags': [bag.sha256 for bag in bags], 'plant': rig.plant.name,
         'constants': rig.constants, 'clock': asdict(rig.clock),
         'signals': {name: asdict(where) for name, where in rig.signals.items()},
-        'seed': seed, 'version': version('hydro_twin'), 'laws': _laws(),
+        'seed': seed, 'format': FORMAT, 'version': version('hydro_twin'), 'laws': _laws(),
     }
     return hashlib.sha256(json.dumps(inputs, sort_keys=True).encode()).hexdigest()[:32]
 

@@ -60,10 +60,11 @@ def _rows(rig: Mapping[str, Any], usual: Mapping[str, Mapping[str, Any]]) -> lis
             if period['effects'] else None,
             'key': period['key'], 'report': period['report'], 'noise': period['noise'],
             'error_before': period['error']['before'], 'error_after': period['error']['after']}
-        rows += [{**of_period, 'parameter': name, **estimate,
-                  **(_compared(rig['usual'][name], usual[name])
-                     if period is rig['periods'][-1] else {})}
-                 for name, estimate in period['estimates'].items()] or [of_period]
+        compared = {name: _compared(rig['usual'][name], usual[name]) for name in rig['usual']
+                    } if period is rig['periods'][-1] else {}
+        rows += [{**of_period, 'parameter': name, 'unit': usual.get(name, {}).get('unit'),
+                  **period['estimates'].get(name, {}), **compared.get(name, {})}
+                 for name in dict.fromkeys([*period['estimates'], *compared])] or [of_period]
     return rows
 
 

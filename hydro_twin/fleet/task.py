@@ -70,6 +70,7 @@ def _trace(task: Task, rig: Rig, seed: int, folder: Path) -> dict[str, Any]:
     data = read_data(task.bags, (), rig)
     found = trace(data, None, seed, command=command_of(task, seed))
     summary = found.save(folder)
+    values = values_of(found.result, summary)
     return {
         'verdict': summary['verdict'], 'says': summary['says'],
         'error': {when: summary[when][found.result.judged]['test']
@@ -78,15 +79,16 @@ def _trace(task: Task, rig: Rig, seed: int, folder: Path) -> dict[str, Any]:
         'effects': [{name: effect[name] for name in ('id', 'port', 'certain', 'p_value',
                                                      'share_of_residual')}
                     for effect in summary['effects']],
-        'estimates': estimates(found.result, summary),
+        'estimates': {name: one for name, one in values.items() if one['std_error']},
+        'factor': factor_of(found.result, values),
         'samples': sum(map(len, data.recording.series)),
         'bags': list(found.provenance['bags']), 'version': found.provenance['version'],
         'seconds': round(perf_counter() - begin, 3),
     }
 
 
-def estimates(result: TraceResult, summary: dict[str, Any]) -> dict[str, dict[str, Any]]:
-    """Collect what the data determine: name -> value, standard error, unit.
+def values_of(result: TraceResult, summary: dict[str, Any]) -> dict[str, dict[str, Any]]:
+    """Collect what a trace has estimated: name -> value, standard error or None, unit.
 
     These are the parameters of the plant after the repair, its combinations where only these are
     known, and those of the effects, as 'backlash at linkage: gap'.
@@ -96,8 +98,29 @@ def estimates(result: TraceResult, summary: dict[str, Any]) -> dict[str, dict[st
     for effect in summary['effects']:
         rows |= {f'{effect["id"]} at {effect["port"]}: {name}': values
                  for name, values in effect['parameters'].items()}
-    return {name: {'value': row['value'], 'std_error': row['std_error'], 'unit': row['unit']}
-            for name, row in rows.items() if row['std_error']}
+    return {name: {what: row[what] for what in ('value', 'std_error', 'unit')}
+            for name, row in rows.items()}
+
+
+def factor_of(result: TraceResult, values: dict[str, dict[str, Any]]) -> dict[str, Any]:
+    """Lay out the factor of a trace by the names of its values; see `fleet.factors`."""
+    plant, after, factor = result.plant, result.after, result.factor
+    together = {next(iter(one)): name for one, name in zip(
+        plant.combinations, list(values)[len(plant.parameters):], strict=False)}
+    powers = {name: power for one in plant.combinations for name, power in one.items()}
+    names, at, scale = [], [], []
+    for name, index in factor.names:
+        if index is not None:
+            placed = after.effects[index]
+            names.append(f'{placed.effect.id} at {placed.port.name}: {name}')
+            at.append(placed.named[name])
+            scale.append(1.0)
+        else:                   # by the combination that it stands for, if it does
+            names.append(together.get(name, name))
+            at.append(values[names[-1]]['value'])
+            scale.append(powers.get(name, 1) * after.values[name] / at[-1])
+    return {'names': names, 'values': at, 'rows': (factor.R * scale).tolist(),
+            'step': factor.step.tolist()}
 
 
 def command_of(task: Task, seed: int) -> str:

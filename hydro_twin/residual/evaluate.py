@@ -5,11 +5,14 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
+from scipy.linalg import null_space
 
 from hydro_twin.fitting.estimates import combination_estimates, fitted_model
 from hydro_twin.fitting.free_run import Fit
 from hydro_twin.fitting.horizon import HORIZON, horizon_errors
+from hydro_twin.fitting.identifiability import Identifiability
 from hydro_twin.fitting.noise import estimate_noise
+from hydro_twin.fitting.unknowns import get, label
 from hydro_twin.model import Model
 from hydro_twin.plants.plant import FloatArray
 from hydro_twin.predictors.analytical import Analytical
@@ -27,7 +30,7 @@ from hydro_twin.residual.evidence import Evidence
 from hydro_twin.residual.shape import shape_of
 from hydro_twin.residual.structure import drifts
 from hydro_twin.residual.verdict import is_structured, LIKELY, named_effects, verdict_of
-from hydro_twin.result import FoundCurve, Remainder, Run, SeriesErrors, Spell, TraceResult
+from hydro_twin.result import Factor, FoundCurve, Remainder, Run, SeriesErrors, Spell, TraceResult
 
 PARTS = ('test', 'train')
 Predictions = dict[str, list[FloatArray]]       # mode -> of each series; test part, then training
@@ -62,7 +65,7 @@ def result_of(found: Evidence) -> TraceResult:
         horizon=HORIZON if found.plant.integrates else None,
         before=models['before'], after=models['after'],
         combinations={when: combination_estimates(fits[when], known[when]) for when in fits},
-        effects=effects,
+        factor=_factor(fits['after'], known['after']), effects=effects,
         shapes=tuple(shape_of(found.final, effect.placed, found.fitted) for effect in effects),
         found=None if found.found is None else FoundCurve(
             found.found.placed, found.found.proof, found.found.p_value, found.found.others),
@@ -72,6 +75,22 @@ def result_of(found: Evidence) -> TraceResult:
         persistence=persistence(found.recordings['test'], found.plant), noise=found.floor,
         memory=found.memory,
         fails=found.fails, parts=(len(found.train), len(found.test)))
+
+
+def _factor(fit: Fit, known: Identifiability) -> Factor:
+    """Keep of what the data determine the parameters, in their units."""
+    unknowns = {label(unknown): unknown for unknown in fit.unknowns}
+    columns = [(k, unknowns[name]) for k, name in enumerate(known.coordinates)
+               if unknowns[name].owner != 'timing']
+    kept = [k for k, _ in columns]
+    scale = [get(fit.candidate, unknown) if unknown.log else unknown.scale
+             for _, unknown in columns]
+    others = np.delete(known.factor, kept, axis=1)
+    left = null_space(others.T).T if others.size else np.eye(len(known.factor))
+    return Factor(
+        tuple((unknown.name, int(unknown.owner) if unknown.owner else None)
+              for _, unknown in columns),
+        left @ known.factor[:, kept] / scale, left @ known.step)
 
 
 def _predictions(fit: Fit, series: Sequence[Series]) -> Predictions:

@@ -1,4 +1,6 @@
 """Small fleets: recordings of a process valve, traced in a second each, and made-up results."""
+import numpy as np
+
 from hydro_twin.commands.main import main
 from hydro_twin.fleet.manifest import Task
 from hydro_twin.fleet.task import Outcome
@@ -34,6 +36,9 @@ def outcome(estimates, effects=(), verdict='effect_found'):
                      'share_of_residual': 0.9} for _ in effects],
         'estimates': {name: {'value': value, 'std_error': error, 'unit': 's'}
                       for name, (value, error) in estimates.items()},
+        'factor': {'names': list(estimates), 'values': [value for value, _ in estimates.values()],
+                   'rows': np.diag([1.0 / error for _, error in estimates.values()]).tolist(),
+                   'step': [0.0] * len(estimates)},
         'samples': 200, 'bags': [], 'version': '0', 'seconds': 1.0}, key='0' * 32, traced=True)
 
 

@@ -9,7 +9,7 @@ from fleet_by_hand import outcome, task
 import numpy as np
 import pytest
 
-from hydro_twin.fleet.page import page
+from hydro_twin.fleet.page import page, ROWS
 from hydro_twin.fleet.summary import summarise
 from hydro_twin.fleet.tables import write_tables
 from hydro_twin.fleet.task import Outcome
@@ -93,6 +93,38 @@ def test_values_of_either_sign_are_compared_as_they_are():
     assert usual['groups']['a']['bias']['mean'] == pytest.approx(0.0, abs=1e-9)
 
 
+def test_earlier_periods_count_as_long_as_they_agree():
+    """Of five, one in the middle is off; with what came after it the rig is known better."""
+    done = [(task(str(k), date), outcome({'T': (
+        (3.0 if k == 1 and date == DATES[1] else 1.0) * (1.0 + 0.3 * k), 0.01 * (1.0 + 0.3 * k))}))
+        for k in range(4) for date in DATES]
+    rigs = {rig['rig']: rig for rig in summarise(done)['rigs']}
+    assert [rigs[str(k)]['pooled'] for k in range(4)] == [5, 3, 5, 5]
+    for k, periods in ((1, 3), (2, 5)):
+        usual = rigs[str(k)]['usual']['T']
+        assert usual['value'] == pytest.approx(1.0 + 0.3 * k, rel=1e-3)
+        assert usual['std_error'] == pytest.approx(
+            0.01 * (1.0 + 0.3 * k) / periods ** 0.5, rel=1e-2)
+
+
+def test_a_parameter_that_a_recording_does_not_determine_is_borrowed():
+    """One rig has the product of two parameters only, and the error of neither by itself."""
+    rng = np.random.default_rng(3)
+    done = [(task(str(k)), outcome({name: (np.exp(0.02 * rng.normal()), 0.005)
+                                    for name in ('K', 'T')})) for k in range(8)]
+    done.append((task('poor'), outcome({})))
+    done[-1][1].record['factor'] = {'names': ['K', 'T'], 'values': [4.0, 0.27],
+                                    'rows': [[200.0 / 4.0, 200.0 / 0.27]], 'step': [0.0]}
+    (poor,) = [rig for rig in summarise(done)['rigs'] if rig['rig'] == 'poor']
+    assert set(poor['usual']) == {'K', 'T'}
+    for one in poor['usual'].values():
+        assert one['value'] == pytest.approx(1.0, abs=0.1)
+        assert one['score'] is None
+        assert one['std_error'] < 0.05
+    assert poor['usual']['K']['value'] * poor['usual']['T']['value'] == pytest.approx(
+        4.0 * 0.27, rel=0.01)
+
+
 class Cells(HTMLParser):
     """Collects the text of the cells by rows, and the links."""
 
@@ -153,13 +185,17 @@ HARNESS = """<script>
 const wrong = [];
 addEventListener('error', event => wrong.push(event.message));
 addEventListener('load', () => setTimeout(() => {
-  const names = () => [...document.querySelectorAll('.rigs tbody tr')].filter(r => !r.hidden)
+  const names = () => [...document.querySelectorAll('.rigs tbody tr')]
     .map(r => r.cells[0].querySelector('a').textContent);
   const heads = [...document.querySelectorAll('.rigs th button')];
   const canvas = document.querySelector('.rigs canvas');
   draw(canvas, DATA.rigs[0]);
   const told = {wrong, drawn: canvas.getContext('2d').getImageData(
     0, 0, canvas.width, canvas.height).data.some(v => v)};
+  told.first = names();
+  scrollTo(0, document.body.scrollHeight);
+  setTimeout(() => {
+  told.scrolled = names();
   heads[0].click(); told.up = names();
   heads[0].click(); told.down = names();
   heads[3].click(); told.score = names();
@@ -167,6 +203,7 @@ addEventListener('load', () => setTimeout(() => {
   filter.value = '<3>'; filter.dispatchEvent(new Event('input')); told.filtered = names();
   document.body.append(Object.assign(document.createElement('pre'),
     {id: 'told', textContent: JSON.stringify(told)}));
+  }, 200);
 }, 200));
 </script>"""
 
@@ -174,7 +211,7 @@ addEventListener('load', () => setTimeout(() => {
 @pytest.mark.slow
 @pytest.mark.skipif(not shutil.which('chromium'), reason='needs chromium')
 def test_rows_are_sorted_and_filtered_in_a_browser(tmp_path):
-    made = fleet()
+    made = fleet(70)
     path = tmp_path / 'fleet.html'
     path.write_text(page(made).replace('<head>', f'<head>{HARNESS}'), encoding='utf-8')
     flags = ['headless', 'no-sandbox', 'disable-gpu', 'disable-quic', 'no-first-run',
@@ -188,7 +225,9 @@ def test_rows_are_sorted_and_filtered_in_a_browser(tmp_path):
     assert told['wrong'] == []
     assert told['drawn']
     names = [rig['rig'] for rig in made['rigs']]
-    assert told['up'] == sorted(names)
-    assert told['down'] == sorted(names, reverse=True)
-    assert told['score'] == names
+    assert told['first'] == told['score'] == names[:ROWS]
+    assert told['scrolled'] == names
+    ordered = [f'rig <{k}>' for k in range(70)]
+    assert told['up'] == ordered[:ROWS]
+    assert told['down'] == ordered[:-ROWS - 1:-1]
     assert told['filtered'] == ['rig <3>']

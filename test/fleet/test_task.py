@@ -6,16 +6,20 @@ import sys
 import time
 
 from fleet_by_hand import broken, PLANT, record
+import numpy as np
 import pytest
+from trace_by_hand import result
 
 from hydro_twin.errors import BagError
 from hydro_twin.fitting.parallel import in_processes, on_one_core
 from hydro_twin.fleet import store
+from hydro_twin.fleet.factors import rows_of
 from hydro_twin.fleet.manifest import Task
-from hydro_twin.fleet.task import command_of, run
+from hydro_twin.fleet.task import command_of, factor_of, run, values_of
 from hydro_twin.plants import plant_named
 from hydro_twin.recording.digest import source_of
 from hydro_twin.recording.rig import rig_of
+from hydro_twin.report.summary import summarise
 
 
 @pytest.fixture(scope='module')
@@ -81,6 +85,22 @@ def test_the_command_makes_the_same_trace(folder, tmp_path, monkeypatch):
     assert known
     assert {name: (one['value'], one['std_error'])
             for name, one in record_['estimates'].items()} == known
+
+
+def test_the_factor_has_the_standard_errors_of_the_estimates():
+    """Of the combinations, too."""
+    made = result('valve_servo', True)
+    values = values_of(made, summarise(made))
+    factor = factor_of(made, values)
+    known = {one: value for one, value in values.items()
+             if value['std_error'] and one in factor['names']}
+    assert any(' / ' in one for one in known)
+    assert any(': ' in one for one in known)
+    names = factor['names']
+    _, covariance = rows_of(factor, names, [False] * len(names)).solve()
+    errors = dict(zip(names, np.sqrt(np.diag(covariance)), strict=True))
+    for one, value in known.items():
+        assert errors[one] == pytest.approx(value['std_error'], rel=1e-6)
 
 
 def test_a_broken_bag_is_raised_and_samples_that_do_not_do_are_a_reason(folder, tmp_path):

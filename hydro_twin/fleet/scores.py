@@ -1,4 +1,4 @@
-"""What is usual for a group of rigs, and how far each rig is from it: empirical Bayes.
+"""How far each rig of a group is from the others, parameter by parameter.
 
 Every rig i has an estimate y_i with a standard error s_i. The true values scatter about a mean mu
 with a standard deviation tau:
@@ -8,14 +8,13 @@ with a standard deviation tau:
 This is the random-effects model of meta-analysis: R. DerSimonian, N. Laird, Meta-analysis in
 clinical trials, Controlled Clinical Trials 7 (1986) 177-188. tau^2 is estimated by restricted
 maximum likelihood: W. Viechtbauer, Bias and efficiency of meta-analytic variance estimators in
-the random-effects model, J. Educ. Behav. Stat. 30 (2005) 261-293. The shrunken values are those of
-C. N. Morris, Parametric empirical Bayes inference, J. Am. Stat. Assoc. 78 (1983) 47-55, and the
-scores the deleted residuals of W. Viechtbauer, M. W.-L. Cheung, Outlier and influence diagnostics
-for meta-analysis, Res. Synth. Methods 1 (2010) 112-125.
+the random-effects model, J. Educ. Behav. Stat. 30 (2005) 261-293. The scores are the deleted
+residuals of W. Viechtbauer, M. W.-L. Cheung, Outlier and influence diagnostics for meta-analysis,
+Res. Synth. Methods 1 (2010) 112-125.
 """
 from __future__ import annotations
 
-from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
@@ -33,33 +32,24 @@ TOLERANCE = 1e-10       # of tau^2, relative to the variance of the estimates
 ROWS = 256              # that are left out at once: as much memory as a thousand rigs take
 
 
-@dataclass(frozen=True)
-class Group:
-    """What is usual, and where each rig stands; all in the unit of the estimates.
+class Scores(NamedTuple):
+    """Where each of n rigs stands.
 
     Attributes:
-        mean, std_error: mu, and its standard error.
-        spread: tau, between the rigs.
-        values, errors: (n,), shrunken estimates and their standard errors.
         scores: (n,), deviation of each rig from the others, which do not know it, over the
             standard deviation of that deviation; nan for fewer than three rigs.
-        kept: (n,), which rigs the group was fitted to.
+        kept: (n,), which rigs do not stand out.
     """
 
-    mean: float
-    std_error: float
-    spread: float
-    values: FloatArray
-    errors: FloatArray
     scores: FloatArray
     kept: BoolArray
 
 
-def shrink(y: FloatArray, s: FloatArray) -> Group:
-    """Fit the random-effects model to the estimates of a group.
+def compare_each(y: FloatArray, s: FloatArray) -> Scores:
+    """Score the estimates of a group.
 
-    A rig that stands out would widen the spread for all others, so that they borrow nothing. The
-    farthest is left out as long as its score is beyond `limit`; it keeps its own value.
+    A rig that stands out would widen the spread for all others. The farthest is left out as long
+    as its score is beyond `limit`.
 
     Args:
         y: (n,), estimates, n >= 1.
@@ -69,17 +59,13 @@ def shrink(y: FloatArray, s: FloatArray) -> Group:
     v = s ** 2
     kept = np.ones(n, dtype=bool)
     while True:
-        tau2, mu, mu_var = (float(part[0]) for part in _fit(y, v, kept[None, :] * 1.0))
         scores = _scores(y, v, kept)
         inside = np.where(kept, np.abs(scores), 0.0)
         farthest = int(np.argmax(inside))
         if (kept.sum() <= 3 or n - kept.sum() >= min(MOST, n // 4)
                 or inside[farthest] < limit(n, int(kept.sum()))):
-            break
+            return Scores(scores, kept)
         kept[farthest] = False
-    own = np.where(kept, v / (v + tau2), 0.0)   # share of the group in the shrunken value
-    return Group(mu, mu_var ** 0.5, tau2 ** 0.5, own * mu + (1.0 - own) * y,
-                 np.where(kept, np.sqrt(own * tau2 + own ** 2 * mu_var), s), scores, kept)
 
 
 def limit(comparisons: int, rigs: int) -> float:
