@@ -19,7 +19,7 @@ from hydro_twin.plants.plant import FloatArray, Laws
 from hydro_twin.predictors import sensitivities
 from hydro_twin.predictors.kernel import LIMIT
 from hydro_twin.predictors.rows import WIDTH
-from hydro_twin.predictors.sensitivities import NONE, Rows, rows_for, tangent_of
+from hydro_twin.predictors.sensitivities import NONE, partials, Rows, rows_for, tangent_of
 from hydro_twin.predictors.system import System
 
 if TYPE_CHECKING:
@@ -101,19 +101,23 @@ def run(  # type: ignore[no-untyped-def]
     """
     S, rows, work, g, v = scratch
     n, N = len(x), len(S)
-    slope, noise = v[:N], filter_.variance
+    used = N + n + len(step.effects)
+    slope = v[:used]
     for k in range(begin, end):
         if k > 0:
             sensitivities.advance(step, tangent, x, z, work, rows, g, inputs, k)
             for i in range(n):
                 for j in range(n):
                     S[i, N + j] = filter_.process[i, j]
-            triangularise(S, N + n, v)
+            triangularise(S, used, v)
         y = sensitivities.output(step, tangent, x, z, work, rows, g, inputs, k, slope)
         if not abs(y) < LIMIT:
             results[k:end] = float('nan')
             states[k:end] = float('nan')
             return
+        noise = filter_.variance
+        for j in range(N, used):
+            noise += slope[j] * slope[j]
         variance = noise
         for j in range(N):
             variance += slope[j] * slope[j]
@@ -155,23 +159,21 @@ class Observer:
         names = system.plant.states
         process = process_root(system.laws, system.step.sample_time,
                                np.array([noise.process.get(name, 0.0) for name in names]))
-        blocks = math.ceil((N + n) / WIDTH)
+        blocks = math.ceil((N + n + len(system.step.effects)) / WIDTH)
         start = np.zeros((N, blocks * WIDTH))
         start[range(n), range(n)] = [noise.start[name] for name in names]
         self.filter = Filter(start, process, noise.measurement ** 2,
                              USELESS * system.plant.output_scale)
-        self.filters = tuple((stage.step, tangent_of(stage, NONE), self.filter)
-                             for stage in system.stages)
+        self.filters = tuple(
+            (stage.step, tangent_of(stage, NONE)._replace(rest=N + n), self.filter)
+            for stage in system.stages)
 
     def scratch(self) -> Scratch:
         """Allocate what `run` works in, with the covariance of the start."""
         n, S = len(self.system.laws.A), self.filter.start.copy()
         blocks = S.reshape(len(S), -1, WIDTH)
         rows = rows_for(self.system, blocks.shape[1])._replace(X=blocks[:n], Z=blocks[n:])
-        memory = self.system.memory
-        return Scratch(S, rows, self.system.work(),
-                       np.zeros((1 + memory, 4 + len(self.system.step.p) + memory)),
-                       np.zeros(S.shape[1]))
+        return Scratch(S, rows, self.system.work(), partials(self.system), np.zeros(S.shape[1]))
 
     def run(self, inputs: FloatArray, measured: FloatArray, states: bool = False,
             start: int | None = None) -> tuple[FloatArray, FloatArray]:
