@@ -242,7 +242,7 @@ def memory(model: Path, messages: int) -> dict[str, float]:
     """Run all of the twin but ROS over many messages, as fast as it goes."""
     twin_ = load_twin(Choice('', model), 'one_step')
     live = Live(PLANT, load_signals(PLANT.name, [s.name for s in PLANT.signals]), 0.002, 0.1)
-    outlet = Outlet(twin_, 1, len, len, len, len)
+    outlet = Outlet(twin_, 1, len, len, len, len, len)
     diagnosis = Diagnosis(live, [twin_])
     command, state = Writer(['u_m'], 'V'), JointState(name=['rig'], position=[0.0], effort=[0.0])
     begun, started = 0.0, time.monotonic()

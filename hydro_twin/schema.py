@@ -65,6 +65,9 @@ class NoiseEntry(Struct, kw_only=True):
     )]
     start: Annotated[dict[str, NotNegative], Meta(
         description='standard deviation of each state at the begin of a run, in its SI unit')]
+    follow: Annotated[dict[str, NotNegative], Meta(
+        description='parameters that are followed, and the relative change of each over the root '
+                    'of a second')] | UnsetType = UNSET
 
 
 class Bag(Struct, kw_only=True):
@@ -163,6 +166,7 @@ class ConfigParameters(Struct, kw_only=True):
     model: str = ''
     models: tuple[str, ...] = ()
     mode: Literal['one_step', 'observer', 'free_run'] = 'one_step'
+    follow: tuple[str, ...] = ()
     wait: Annotated[float, Meta(ge=0.0, le=10.0, description='[s]')] = 0.1
     autostart: bool = True
 

@@ -78,7 +78,8 @@ def _replay(bag: Path, model: Path, output: Path | None, config: Path | None,
     rig = rig_of(plant, config, model=as_fitted)
     data = api.read_data([bag], (), rig, progress)
     sample_time = data.recording.sample_time
-    predictors = {path: load_predictor(path, sample_time) for path in (model, *beside)}
+    predictors = {path: load_predictor(path, sample_time, rig.follow)
+                  for path in (model, *beside)}
     with progress('replaying'):
         replayed = api.replay(data, predictors[model])
     result = replayed.summary()

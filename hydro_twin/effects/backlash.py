@@ -2,7 +2,7 @@
 from __future__ import annotations
 
 from hydro_twin.compiled import compiled
-from hydro_twin.effects.effect import Effect, EffectParameter, Span, Starts
+from hydro_twin.effects.effect import Effect, EffectParameter, Quantity, Span, Starts
 
 
 @compiled
@@ -32,4 +32,6 @@ EFFECT = Effect(
     starts=starts,
     excitation='let the load change sign slowly, so that the play is crossed',
     law=law,
+    # -1 and 1 are the sides of the gap; beyond them it is closed, and the torque passes.
+    shows=(Quantity('side', '1', lambda p: {'twist': 1.0 / p[0]}),),
 )

@@ -59,6 +59,25 @@ class Span:
         return max(abs(self.low), abs(self.high), 1e-12)
 
 
+ADDED = 'added'         # what an implicit effect added last
+
+
+@dataclass(frozen=True)
+class Quantity:
+    """What can be shown of an effect while it is at work, as a sum.
+
+    Attributes:
+        name: in a word.
+        unit: in terms of the port, as that of a parameter.
+        weights: parameters of the effect -> weight of the port's value or a signal there, of what
+            it keeps, by index, and of `ADDED`.
+    """
+
+    name: str
+    unit: str
+    weights: Callable[[tuple[float, ...]], Mapping[str | int, float]]
+
+
 Starts = Sequence[tuple[float, ...]]
 
 
@@ -108,6 +127,7 @@ class Effect:
         course: of a parameter of the plant, which is the port; there is no law.
         named: whether it explains what it adds; a curve that is merely found does not.
         dynamic: whether it is linear dynamics, which no curve over a signal shows.
+        shows: what an observer publishes of it.
         simpler: id of an effect that is chosen instead unless this one is clearly better.
     """
 
@@ -132,6 +152,7 @@ class Effect:
     named: bool = True
     dynamic: bool = False
     simpler: str = ''
+    shows: tuple[Quantity, ...] = ()
 
     def __post_init__(self) -> None:
         assert len(self.reads) <= 2, f'{self.id}: the kernel hands a law two signals at most'

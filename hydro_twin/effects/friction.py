@@ -4,7 +4,7 @@ from __future__ import annotations
 import math
 
 from hydro_twin.compiled import compiled
-from hydro_twin.effects.effect import Effect, EffectParameter, Span, Starts
+from hydro_twin.effects.effect import ADDED, Effect, EffectParameter, Quantity, Span, Starts
 
 
 @compiled
@@ -97,4 +97,5 @@ EFFECT = Effect(
     law=law,
     memory=2,
     implicit=True,
+    shows=(Quantity('force', 'value', lambda _: {ADDED: -1.0}),),
 )

@@ -2,7 +2,7 @@
 from __future__ import annotations
 
 from hydro_twin.compiled import compiled
-from hydro_twin.effects.effect import Effect, EffectParameter, Span, Starts
+from hydro_twin.effects.effect import Effect, EffectParameter, Quantity, Span, Starts
 
 
 @compiled
@@ -49,4 +49,6 @@ EFFECT = Effect(
     distinguishable=distinguishable,
     law=law,
     memory=1,
+    # -1 and 1 are the sides of the loop.
+    shows=(Quantity('side', '1', lambda p: {0: 1.0 / p[0], 'value': p[1] / p[0]}),),
 )

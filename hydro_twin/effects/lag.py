@@ -4,7 +4,7 @@ from __future__ import annotations
 import math
 
 from hydro_twin.compiled import compiled
-from hydro_twin.effects.effect import Effect, EffectParameter, Span, Starts
+from hydro_twin.effects.effect import Effect, EffectParameter, Quantity, Span, Starts
 
 SMALL = 1e-3            # steps over the time constant, below which their ends describe a step
 
@@ -51,4 +51,5 @@ EFFECT = Effect(
     dynamic=True,
     law=law,
     memory=2,
+    shows=(Quantity('output', 'value', lambda _: {0: 1.0}),),
 )

@@ -4,7 +4,7 @@ from __future__ import annotations
 import math
 
 from hydro_twin.compiled import compiled
-from hydro_twin.effects.effect import Effect, EffectParameter, Span, Starts
+from hydro_twin.effects.effect import Effect, EffectParameter, Quantity, Span, Starts
 
 SMALL = 1e-3            # [rad] of a step, below which its ends describe it
 TURN = 2.0 * math.pi    # [rad]
@@ -67,4 +67,5 @@ EFFECT = Effect(
     simpler='lag',
     law=law,
     memory=3,
+    shows=(Quantity('output', 'value', lambda _: {0: 1.0}),),
 )

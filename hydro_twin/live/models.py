@@ -47,15 +47,20 @@ def choices(model: str, models: Sequence[str]) -> list[Choice]:
     return chosen
 
 
-def load_twin(choice: Choice, mode: str) -> Twin:
+def load_twin(choice: Choice, mode: str, follow: Sequence[str] = ()) -> Twin:
     """Load a model, describe it, and compile its step; this takes its time.
 
     A model that lacks its noise, as one with a network, runs one_step in place of the observer.
 
+    Args:
+        choice: the model.
+        mode: as asked for.
+        follow: parameters that its observer is to follow, NAME or NAME=RATE; none: as it says.
+
     Raises:
         ModelError: the model cannot be used.
     """
-    predictor = load_predictor(choice.path)
+    predictor = load_predictor(choice.path, follow=follow)
     if mode not in modes_of(predictor.model):
         mode = 'one_step'
     about = {'name': choice.name, 'path': str(choice.path),

@@ -1,7 +1,7 @@
 """Where the predictions of one twin go, and what its observer estimates beside them."""
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 
 from hydro_twin.live.twin import Twin
 from hydro_twin.live.writer import Writer
@@ -14,25 +14,24 @@ class Outlet:
     """Steps a twin and publishes what it can stand behind; its twin may be exchanged."""
 
     def __init__(self, twin: Twin, horizon: int, prediction: Publish, residual: Publish,
-                 states: Publish, ahead: Publish) -> None:
+                 states: Publish, ahead: Publish, parameters: Publish) -> None:
         """Publish serialised JointStates; those ahead are so many samples ahead."""
-        self.twin = twin
         self.horizon = horizon
         self.states_wanted = False      # by a subscriber: nobody else needs the work
         self.ahead_wanted = False
+        self.parameters_wanted = False
         plant = twin.predictor.plant
         self._writer = Writer([plant.output.name], plant.output.unit)
-        self._states_writer = Writer(
-            [*plant.states, *(f'{name}_std' for name in plant.states)], '')
-        self._ahead_writer = Writer([plant.output.name, f'{plant.output.name}_std'],
-                                    plant.output.unit)
+        self._ahead_writer = Writer(_with_errors([plant.output.name]), plant.output.unit)
         self._period = round(twin.predictor.sample_time * 1e9)
         self._prediction = prediction
         self._residual = residual
         self._states = states
         self._ahead = ahead
+        self._parameters = parameters
         self._next: Twin | None = None
         self._left = 0   # steps that it has to start up
+        self._take_over(twin)
 
     def exchange(self, twin: Twin) -> None:
         """Let a twin take over with its first prediction, so that its start-up costs none."""
@@ -55,8 +54,10 @@ class Outlet:
             self._prediction(self._writer.write(stamp, prediction))
             if twin.residual == twin.residual:
                 self._residual(self._writer.write(stamp, twin.residual))
-            if self.states_wanted and (estimate := twin.estimate) is not None:
-                self._states(self._states_writer.write(stamp, *estimate.ravel()))
+            if self.states_wanted and self._states_writer is not None:
+                self._states(self._states_writer.write(stamp, *twin.estimate.ravel()))
+            if self.parameters_wanted and self._parameters_writer is not None:
+                self._parameters(self._parameters_writer.write(stamp, *twin.parameters.ravel()))
             if self.ahead_wanted and (ahead := twin.ahead(self.horizon)) is not None \
                     and ahead[0] == ahead[0]:
                 self._ahead(self._ahead_writer.write(stamp + self.horizon * self._period, *ahead))
@@ -71,3 +72,10 @@ class Outlet:
 
     def _take_over(self, twin: Twin) -> None:
         self.twin, self._next = twin, None
+        self._states_writer, self._parameters_writer = (
+            Writer(_with_errors(names), '') if names else None for names in twin.shown)
+
+
+def _with_errors(names: Sequence[str]) -> list[str]:
+    """Name quantities, then their standard deviations."""
+    return [*names, *(f'{name}_std' for name in names)]

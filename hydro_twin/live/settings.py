@@ -51,6 +51,9 @@ SETTINGS = (
             choices=('one_step', 'free_run', 'observer')),
     Setting('horizon', 1, 'how many samples ahead ~/ahead predicts, in mode observer; may be set '
             'while the node runs', bounds=(1, 10_000)),
+    Setting('follow', ('',), 'parameters that the observer follows as they change slowly, NAME or '
+            'NAME=RATE, the relative change over the root of a second (0.05 by default); of an '
+            'effect as ID@PORT:NAME; may be set while the node runs'),
     Setting('wait', 0.1, 'how long a late input is waited for before its last value is held [s]; '
             'may be set while the node runs', bounds=(0.0, 10.0)),
     Setting('sample_time', 0.0, 'clock of the offline verbs that read the same file [s]; the node '

@@ -61,12 +61,24 @@ class Twin:
         self._count = 0
 
     @property
-    def estimate(self) -> FloatArray | None:
-        """The plant's states at the last sample and their standard deviations, (2, n), SI units.
+    def shown(self) -> tuple[tuple[str, ...], tuple[str, ...]]:
+        """Names of the states that are estimated, and of the parameters that are followed."""
+        observer = getattr(self._stepper, 'observer', None)
+        if observer is None:
+            return (), ()
+        return observer.names, observer.followed.names if observer.followed else ()
 
-        None of a mode that does not estimate them.
-        """
-        return getattr(self._stepper, 'estimate', None)
+    @property
+    def estimate(self) -> FloatArray:
+        """States at the last sample and their standard deviations, (2, R), as `shown`."""
+        estimate: FloatArray = self._stepper.estimate       # type: ignore[attr-defined]
+        return estimate
+
+    @property
+    def parameters(self) -> FloatArray:
+        """Parameters that are followed, and their standard errors, (2, Q), as `shown`."""
+        parameters: FloatArray = self._stepper.parameters   # type: ignore[attr-defined]
+        return parameters
 
     def ahead(self, samples: int) -> tuple[float, float] | None:
         """Predict the output so many samples after the last, and its standard deviation.

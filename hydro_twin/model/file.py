@@ -1,7 +1,8 @@
 """The model file: everything needed to run a model, and to know where it came from."""
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
 import math
 from pathlib import Path
 from typing import Any
@@ -58,7 +59,9 @@ def document(model: Model) -> dict[str, Any]:
         } for k, placed in enumerate(model.effects)],
         **({'observer': {'measurement_noise': model.noise.measurement,
                          'process_noise': dict(model.noise.process),
-                         'start': dict(model.noise.start)}} if model.noise else {}),
+                         'start': dict(model.noise.start),
+                         **({'follow': dict(model.noise.follow)} if model.noise.follow else {}),
+                         }} if model.noise else {}),
         'network': model.network,
         **({'notes': list(record.notes)} if record.notes else {}),
         'errors': dict(record.errors),
@@ -113,16 +116,20 @@ def read_model(path: Path) -> Model:
         raise ModelError(f'{path}: damaged ({type(error).__name__}: {error})') from error
 
 
-def load_predictor(path: Path, sample_time: float | None = None) -> Predictor:
+def load_predictor(path: Path, sample_time: float | None = None, follow: Sequence[str] = ()
+                   ) -> Predictor:
     """Read a model file and make its predictor.
 
     Args:
         path: of the model file.
         sample_time: [s] at which it is to run; its own by default.
+        follow: parameters that its observer is to follow, if it has one, NAME or NAME=RATE; none:
+            those of the file.
 
     Raises:
         ModelError: the file or its weights are missing or cannot be used, or the model has a
-            network, which cannot run at that sample time; one line says which.
+            network, which cannot run at that sample time, or what is to be followed is not a
+            parameter with a rate; one line says which.
     """
     model = read_model(path)
     if model.network and not (path.parent / model.network).is_file():
@@ -133,6 +140,10 @@ def load_predictor(path: Path, sample_time: float | None = None) -> Predictor:
             model = model.at(sample_time)
         except ModelError as error:
             raise ModelError(f'{path}: {error}') from error
+    if any(follow) and model.noise is not None:
+        from hydro_twin.predictors.follow import parse
+
+        model = replace(model, noise=replace(model.noise, follow=parse(follow)))
     return model.predictor(path.parent)
 
 
@@ -189,13 +200,17 @@ def _noise(raw: Mapping[str, Any], plant: Plant) -> Noise:
     """
     process, start = ({name: _number(f'observer: {key} of {name}', value)
                        for name, value in raw[key].items()} for key in ('process_noise', 'start'))
-    noise = Noise(_number('observer: measurement_noise', raw['measurement_noise']), process, start)
+    follow = {name: _number(f'observer: follow {name}', rate)
+              for name, rate in (raw.get('follow') or {}).items()}
+    noise = Noise(_number('observer: measurement_noise', raw['measurement_noise']), process, start,
+                  follow)
     if not set(process) <= set(start) == set(plant.states):
         raise ModelError(f'observer: the states of {plant.name} are {", ".join(plant.states)}')
     if not (0.0 < noise.measurement < math.inf
-            and all(0.0 <= value < math.inf for value in (*process.values(), *start.values()))):
-        raise ModelError('observer: measurement_noise must be above 0, process_noise and start at '
-                         'least 0, and all finite')
+            and all(0.0 <= value < math.inf for value in (*process.values(), *start.values(),
+                                                 *follow.values()))):
+        raise ModelError('observer: measurement_noise must be above 0, process_noise, start and '
+                         'follow at least 0, and all finite')
     return noise
 
 

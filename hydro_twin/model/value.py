@@ -46,18 +46,21 @@ class Estimate(Uncertainty):
 
 @dataclass(frozen=True)
 class Noise:
-    """What the observer takes as known of noise, all by maximum likelihood.
+    """What the observer takes as known of noise, by maximum likelihood, and of slow change.
 
     Attributes:
         measurement: standard deviation of the measured output, in its unit.
         process: intensity of white noise on the rates of states, by name, in the state's SI unit
             over the root of a second; zero where there is none.
         start: standard deviation of each state at the begin of a run, by name, in its SI unit.
+        follow: the parameters that the observer follows, with the relative change of each over
+            the root of a second; those of effects as 'ID@PORT:NAME'. Stated, not estimated.
     """
 
     measurement: float
     process: Mapping[str, float]
     start: Mapping[str, float]
+    follow: Mapping[str, float] = field(default_factory=dict)
 
 
 @dataclass(frozen=True)

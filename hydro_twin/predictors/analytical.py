@@ -22,8 +22,8 @@ if TYPE_CHECKING:
     from hydro_twin.model import Model
     from hydro_twin.predictors.observer import Observer
 
-HISTORY = 256                               # samples of inputs a live run keeps
-NO_STATES = np.empty((0, 2, 0))             # of a run of the observer that does not want them
+HISTORY = 256           # samples of inputs a live run keeps, at least
+RECENT = 5000           # and of what the observer made of them: 10 s at 500 Hz, see live/location
 
 
 class Analytical:
@@ -86,14 +86,16 @@ class Analytical:
         """The observer; its module is imported when one is needed, since it compiles derivatives.
 
         Raises:
-            ModelError: the model has no noise.
+            ModelError: the model has no noise, or lacks a parameter that is to be followed.
         """
+        from hydro_twin.predictors.follow import followed_of
         from hydro_twin.predictors.observer import Observer
 
-        if self.model.noise is None:
+        noise = self.model.noise
+        if noise is None:
             raise ModelError('the model has no section `observer`, which that mode needs: `refit` '
                              'and `trace` write it')
-        return Observer(self.system, self.model.noise)
+        return Observer(self.system, noise, followed_of(self.model, self.system, noise.follow))
 
     def stepper(self, mode: str) -> FreeRun | OneStep:
         """Start a live run; see `Predictor`."""
@@ -110,10 +112,11 @@ def _first(measured: float) -> float:
 class FreeRun:
     """A free run, live."""
 
-    def __init__(self, system: System) -> None:
+    def __init__(self, system: System, keep: int = HISTORY) -> None:
         self.system = system
         late = int(np.ceil(max(system.step.shift, default=0.0)))
-        self.keep = max(HISTORY, late + 8)
+        self.reach = max(HISTORY, late + 8)         # of the inputs on the next sample
+        self.keep = max(keep, self.reach)
         self.inputs = np.zeros((2 * self.keep, len(system.step.shift)))
         self.k = -1
         self.x = np.zeros(len(system.laws.A))
@@ -145,29 +148,56 @@ class Observed(FreeRun):
     """A run of the observer, live."""
 
     def __init__(self, observer: Observer) -> None:
-        from hydro_twin.predictors.observer import run
+        from hydro_twin.predictors.observer import Observation
 
-        super().__init__(observer.system)
-        self.run, self.observer = run, observer
-        self.scratch = observer.scratch()
+        super().__init__(observer.system, RECENT)
+        self.observer, self.observation = observer, Observation(observer, self.x, self.z)
         self.measured = np.empty(len(self.inputs))
         self.results = np.empty((len(self.inputs), 2))
-        self.states = np.empty((len(self.inputs), 2, len(self.x)))
+        self.estimates = np.empty((len(self.inputs), 2, len(observer.filter.shown)))
 
     def step(self, inputs: FloatArray, measured: float, stamp: int | None = None) -> float:
         """Predict the output of the next sample; see `Stepper`."""
         self.take(inputs, measured, self.system.at(stamp))
         self.measured[self.k] = measured
         (stage, *_), *_ = self.system.stretches(1, stamp)
-        self.run(*self.observer.filters[stage], self.scratch, self.x, self.z, self.inputs,
-                 self.measured, self.k, self.k + 1, self.results, self.states)
+        self.observation.advance(stage, self.inputs, self.measured, self.k, self.k + 1,
+                                 self.results, self.estimates)
         return float(self.results[self.k, 0])
+
+    def take(self, inputs: FloatArray, measured: float, system: System) -> None:
+        """Keep the inputs of the next sample, and what belongs to those before it."""
+        if self.k + 1 == len(self.inputs):
+            for kept in (self.measured, self.results, self.estimates):
+                kept[:self.keep] = kept[self.keep:]
+        super().take(inputs, measured, system)
 
     @property
     def estimate(self) -> FloatArray:
-        """The states at the last sample and their standard deviations, (2, n)."""
-        estimate: FloatArray = self.states[self.k]
+        """What the observer shows at the last sample, and the standard deviations, (2, R)."""
+        estimate: FloatArray = self.estimates[self.k, :, :len(self.observer.names)]
         return estimate
+
+    @property
+    def parameters(self) -> FloatArray | None:
+        """Values of the parameters that are followed, and their standard errors, (2, Q)."""
+        if (followed := self.observer.followed) is None:
+            return None
+        return followed.in_units(self.estimates[self.k, :, len(self.observer.names):])
+
+    def recent(self) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
+        """Copy the last samples, `RECENT` of them at most: inputs, measured, results, estimates.
+
+        Another thread may call it: it looks again where the run has moved them meanwhile.
+        """
+        while True:
+            k = self.k
+            first = max(k + 1 - self.keep, 0)
+            inputs, measured, results, estimates = (
+                kept[first:k + 1].copy()
+                for kept in (self.inputs, self.measured, self.results, self.estimates))
+            if self.k >= k:
+                return inputs, measured, results, estimates
 
     def ahead(self, samples: int) -> tuple[float, float]:
         """Predict the output so many samples after the last, with all inputs held.
@@ -176,16 +206,14 @@ class Observed(FreeRun):
             The output and its standard deviation, as it would be measured; nan where the run
             diverges.
         """
-        step, tangent, filter_ = self.observer.filters[-1]
-        known = min(self.k + 1, self.keep)
+        known = min(self.k + 1, self.reach)
         inputs = np.empty((known + samples, self.inputs.shape[1]))
         inputs[:known] = self.inputs[self.k + 1 - known:self.k + 1]
         inputs[known:] = self.inputs[self.k]
-        copy = self.observer.scratch()
-        copy.S[:] = self.scratch.S
         results = np.empty((len(inputs), 2))
-        self.run(step, tangent, filter_, copy, self.x.copy(), self.z.copy(), inputs,
-                 np.full(len(inputs), math.nan), known, len(inputs), results, NO_STATES)
+        self.observation.copy().advance(
+            len(self.observer.stages) - 1, inputs, np.full(len(inputs), math.nan), known,
+            len(inputs), results, np.empty((0, *self.estimates.shape[1:])))
         return float(results[-1, 0]), math.sqrt(results[-1, 1])
 
 

@@ -1,10 +1,11 @@
-"""The observer: an extended Kalman filter about a model with its effects, in square-root form.
+"""The observer: a Kalman filter about a model with its effects, in square-root form.
 
-The states of the plant and what the effects keep are filtered together. A prediction moves them by
-the compiled step, and the root S of their covariance, P = S S', by the derivatives of the same
-step; process noise is added and S made triangular again by reflections [Kaminski et al. 1971]. A
-measurement updates both by Potter's formula [Bierman 1977, II.3]. So P is symmetric and positive
-semidefinite whatever the rounding, and with process noise definite in the states.
+The states of the plant, what the effects keep and the parameters that are followed are filtered
+together. A prediction moves them by the compiled step, and the root S of their covariance,
+P = S S', by the derivatives of the same step, in which each law is made linear over what is not
+known of its input; process noise is added and S made triangular again by reflections [Kaminski et
+al. 1971]. A measurement updates both by Potter's formula [Bierman 1977, II.3]. So P is symmetric
+and positive semidefinite whatever the rounding, and with process noise definite in the states.
 """
 from __future__ import annotations
 
@@ -17,9 +18,11 @@ from scipy.linalg import expm
 from hydro_twin.compiled import compiled
 from hydro_twin.plants.plant import FloatArray, Laws
 from hydro_twin.predictors import sensitivities
+from hydro_twin.predictors.follow import follow_by, Followed, NOBODY
 from hydro_twin.predictors.kernel import LIMIT
+from hydro_twin.predictors.quantities import quantities_of
 from hydro_twin.predictors.rows import WIDTH
-from hydro_twin.predictors.sensitivities import NONE, Rows, rows_for, tangent_of
+from hydro_twin.predictors.sensitivities import NONE, partials, Rows, rows_for, tangent_of
 from hydro_twin.predictors.system import System
 
 if TYPE_CHECKING:
@@ -31,27 +34,35 @@ USELESS = 1e3
 
 
 class Filter(NamedTuple):
-    """What the observer needs beside the step, for n states, N with the memory.
+    """What the observer needs beside the step, for n states, N with memory and parameters.
 
     Attributes:
-        start: root of the covariance at the start, (N, C) with C >= N + n columns.
+        start: root of the covariance at the start, (N, C) with room for `used` columns.
         process: root of the covariance that a sample adds to the states, (n, n).
+        walks: standard deviation by which a sample moves each parameter that is followed, (Q,).
+        used: columns at work: N, those of the process noise, and one for each law.
         variance: of the measurement noise.
         most: standard deviation of the predicted output beyond which the covariance begins anew.
+        shown: what is estimated beside the prediction, as sums of states, memory and parameters,
+            then inputs and what effects add to the ports, (R, N + m + P).
     """
 
     start: FloatArray
     process: FloatArray
+    walks: FloatArray
+    used: int
     variance: float
     most: float
+    shown: FloatArray
 
 
 class Scratch(NamedTuple):
     """What `run` works in.
 
     Attributes:
-        S: root of the covariance of states and memory, (N, C).
+        S: root of the covariance of states, memory and parameters, (N, C).
         rows: derivatives, of which those of states and memory are views of S.
+        walking: the rows of S of the parameters.
         work: of the kernel.
         g: partial derivatives of a law.
         v: a row of S.
@@ -59,6 +70,7 @@ class Scratch(NamedTuple):
 
     S: FloatArray
     rows: Rows
+    walking: FloatArray
     work: FloatArray
     g: FloatArray
     v: FloatArray
@@ -91,29 +103,66 @@ def triangularise(S, columns, v):  # type: ignore[no-untyped-def]
 
 
 @compiled
+def show(shown, S, x, z, q, u, d, v, estimate):  # type: ignore[no-untyped-def]
+    """Write sums of what is known, and their standard deviations, into estimate (2, R)."""
+    n, w, N, m = len(x), len(z), len(S), len(u)
+    for r in range(len(shown)):
+        value = square = 0.0
+        for c in range(N):
+            v[c] = 0.0
+        for i in range(N):
+            weight = shown[r, i]
+            if weight != 0.0:
+                value += weight * (x[i] if i < n else z[i - n] if i < n + w else q[i - n - w])
+                for c in range(N):
+                    v[c] += weight * S[i, c]
+        for i in range(m):
+            value += shown[r, N + i] * u[i]
+        for i in range(len(d)):
+            value += shown[r, N + m + i] * d[i]
+        for c in range(N):
+            square += v[c] * v[c]
+        estimate[0, r], estimate[1, r] = value, math.sqrt(square)
+
+
+@compiled
 def run(  # type: ignore[no-untyped-def]
-        step, tangent, filter_, scratch, x, z, inputs, measured, begin, end, results, states):
+        step, tangent, filter_, scratch, slow, x, z, inputs, measured, begin, end, results,
+        estimates):
     """Predict each sample from begin to end, and take in what is measured there, if anything.
 
-    Moves x, z and the root of their covariance. results (M, 2) gets the prediction and the
-    variance of the innovation; states (M, 2, n), if not empty, the states after the measurement
-    and their standard deviations. A run that diverges is left at nan from there on.
+    Moves x, z, the parameters that are followed, and the root of their covariance. results (M, 2)
+    gets the prediction and the variance of the innovation; estimates (M, 2, R), if not empty, what
+    is known after the measurement, and its standard deviation. A run that diverges is left at nan
+    from there on. Returns the sample after the last one done: it ends early where a parameter has
+    moved so far that the matrices must be made anew.
     """
-    S, rows, work, g, v = scratch
-    n, N = len(x), len(S)
-    slope, noise = v[:N], filter_.variance
+    S, rows, walking, work, g, v = scratch
+    n, N, w, used = len(x), len(S), len(z), filter_.used
+    m, q = len(step.shift), slow.now
+    P = step.H.shape[1] - n - m
+    slope = v[:used]
     for k in range(begin, end):
         if k > 0:
+            if len(q) > 0:
+                follow_by(step, tangent, slow, walking)
             sensitivities.advance(step, tangent, x, z, work, rows, g, inputs, k)
             for i in range(n):
                 for j in range(n):
                     S[i, N + j] = filter_.process[i, j]
-            triangularise(S, N + n, v)
+            for i in range(len(q)):
+                S[n + w + i, N + n + i] = filter_.walks[i]
+            triangularise(S, used, v)
+        if len(q) > 0:
+            follow_by(step, tangent, slow, walking)
         y = sensitivities.output(step, tangent, x, z, work, rows, g, inputs, k, slope)
         if not abs(y) < LIMIT:
             results[k:end] = float('nan')
-            states[k:end] = float('nan')
-            return
+            estimates[k:end] = float('nan')
+            return end
+        noise = filter_.variance
+        for j in range(N, used):
+            noise += slope[j] * slope[j]
         variance = noise
         for j in range(N):
             variance += slope[j] * slope[j]
@@ -133,68 +182,115 @@ def run(  # type: ignore[no-untyped-def]
                     covariance += S[i, j] * slope[j]
                 if i < n:
                     x[i] += covariance / variance * innovation
-                else:
+                elif i < n + w:
                     z[i - n] += covariance / variance * innovation
+                else:
+                    c = i - n - w
+                    q[c] = min(max(q[c] + covariance / variance * innovation, slow.low[c]),
+                               slow.high[c])
                 for j in range(N):
                     S[i, j] -= shrink * covariance * slope[j]
-        if len(states) > 0:
-            for i in range(n):
-                square = 0.0
-                for j in range(N):
-                    square += S[i, j] * S[i, j]
-                states[k, 0, i], states[k, 1, i] = x[i], math.sqrt(square)
+        if len(estimates) > 0:
+            show(filter_.shown, S, x, z, q, work[1, :m], work[5, :P], v, estimates[k])
+        for i in range(len(q)):
+            if abs(q[i] - slow.at[i]) > slow.far[i]:
+                return k + 1
+    return end
+
+
+class Observation:
+    """One run of an observer: what it holds between two samples."""
+
+    def __init__(self, observer: Observer, x: FloatArray, z: FloatArray) -> None:
+        """Begin with the covariance of the start; state and memory are moved in place."""
+        self.observer, self.x, self.z = observer, x, z
+        system, S = observer.system, observer.filter.start.copy()
+        n, w, blocks = len(x), len(z), S.reshape(len(S), -1, WIDTH)
+        rows = rows_for(system, blocks.shape[1])._replace(X=blocks[:n], Z=blocks[n:n + w])
+        self.scratch = Scratch(S, rows, blocks[n + w:], system.work(), partials(system),
+                               np.zeros(S.shape[1]))
+        self.slow = observer.followed.slow() if observer.followed else NOBODY
+        self.stages = observer.stages
+        if observer.followed:
+            self.stages = (observer.followed.stage(self.slow, observer.columns),)
+
+    def advance(self, stage: int, inputs: FloatArray, measured: FloatArray, first: int, last: int,
+                results: FloatArray, estimates: FloatArray) -> None:
+        """Do the samples from first to last, in a stage of the system; see `run`."""
+        while first < last:
+            first = run(*self.stages[min(stage, len(self.stages) - 1)], self.observer.filter,
+                        self.scratch, self.slow, self.x, self.z, inputs, measured, first, last,
+                        results, estimates)
+            followed = self.observer.followed
+            if followed and (np.abs(self.slow.now - self.slow.at) > self.slow.far).any():
+                self.stages = (followed.stage(self.slow, self.observer.columns),)
+
+    def copy(self) -> Observation:
+        """Copy it, to go on with while this one stays."""
+        other = Observation(self.observer, self.x.copy(), self.z.copy())
+        other.scratch.S[:] = self.scratch.S
+        if followed := self.observer.followed:
+            other.slow.now[:] = self.slow.now
+            other.stages = (followed.stage(other.slow, self.observer.columns),)
+        return other
 
 
 class Observer:
     """A system with its noise, as `run` takes them."""
 
-    def __init__(self, system: System, noise: Noise) -> None:
-        """Discretise the noise, and differentiate the step by states and memory."""
-        self.system = system
-        n, N = len(system.laws.A), len(system.laws.A) + system.memory
+    def __init__(self, system: System, noise: Noise,
+                 followed: Followed | None = None) -> None:
+        """Discretise the noise, and differentiate the step by states and memory.
+
+        Args:
+            system: what is run.
+            noise: what is known of it.
+            followed: parameters that go as slow states.
+        """
+        self.system, self.followed = system, followed
+        n, K = len(system.laws.A), len(system.step.effects)
+        Q = len(followed.names) if followed else 0
+        N, T = n + system.memory + Q, system.step.sample_time
         names = system.plant.states
-        process = process_root(system.laws, system.step.sample_time,
+        process = process_root(system.laws, T,
                                np.array([noise.process.get(name, 0.0) for name in names]))
-        blocks = math.ceil((N + n) / WIDTH)
-        start = np.zeros((N, blocks * WIDTH))
+        used = N + n + Q + K
+        start = np.zeros((N, math.ceil(used / WIDTH) * WIDTH))
         start[range(n), range(n)] = [noise.start[name] for name in names]
-        self.filter = Filter(start, process, noise.measurement ** 2,
-                             USELESS * system.plant.output_scale)
-        self.filters = tuple((stage.step, tangent_of(stage, NONE), self.filter)
-                             for stage in system.stages)
+        slow = range(N - Q, N)
+        start[slow, slow] = followed.start if followed else []
+        walks = math.sqrt(T) * followed.rate if followed else np.zeros(0)
+        self.names, shown = quantities_of(system, N)
+        self.columns = used - K
+        self.filter = Filter(start, process, walks, used, noise.measurement ** 2,
+                             USELESS * system.plant.output_scale,
+                             np.vstack([shown, np.eye(N, shown.shape[1])[N - Q:]]))
+        self.stages = tuple((stage.step, tangent_of(stage, NONE)._replace(rest=self.columns))
+                            for stage in system.stages)
 
-    def scratch(self) -> Scratch:
-        """Allocate what `run` works in, with the covariance of the start."""
-        n, S = len(self.system.laws.A), self.filter.start.copy()
-        blocks = S.reshape(len(S), -1, WIDTH)
-        rows = rows_for(self.system, blocks.shape[1])._replace(X=blocks[:n], Z=blocks[n:])
-        memory = self.system.memory
-        return Scratch(S, rows, self.system.work(),
-                       np.zeros((1 + memory, 4 + len(self.system.step.p) + memory)),
-                       np.zeros(S.shape[1]))
-
-    def run(self, inputs: FloatArray, measured: FloatArray, states: bool = False,
+    def run(self, inputs: FloatArray, measured: FloatArray, estimates: bool = False,
             start: int | None = None) -> tuple[FloatArray, FloatArray]:
         """Observe a series.
 
         Args:
             inputs: (M, m).
             measured: the output, nan where there is none, (M,).
-            states: whether those are wanted.
+            estimates: whether those are wanted.
             start: stamp of the first sample [ns]; None stands for now.
 
         Returns:
-            Prediction and variance of the innovation, (M, 2), and, if wanted, the states after
-            each measurement and their standard deviations, (M, 2, n); nan after a divergence.
+            Prediction and variance of the innovation, (M, 2), and, if wanted, what is known after
+            each measurement and its standard deviation, (M, 2, R): `names`, then the logarithms
+            of what is followed over its value in the model; nan after a divergence.
         """
         system = self.system
         x = system.at(start).start(inputs[0],
                                    measured[0] if math.isfinite(measured[0]) else 0.0)
-        z, scratch = np.zeros(system.memory), self.scratch()
+        observation = Observation(self, x, np.zeros(system.memory))
         results = np.empty((len(inputs), 2))
-        seen = np.empty((len(inputs) if states else 0, 2, len(x)))
-        for k, first, last in system.stretches(len(inputs), start):
-            run(*self.filters[k], scratch, x, z, inputs, measured, first, last, results, seen)
+        seen = np.empty((len(inputs) if estimates else 0, 2, len(self.filter.shown)))
+        for stage, first, last in system.stretches(len(inputs), start):
+            observation.advance(stage, inputs, measured, first, last, results, seen)
         return results, seen
 
 

@@ -15,15 +15,13 @@ from typing import Any, NamedTuple
 import numpy as np
 import numpy.typing as npt
 
-from hydro_twin.compiled import compiled, generated
-from hydro_twin.effects.dispatch import LAWS
-from hydro_twin.effects.tangent import law_differences, law_tangent, NoTangent, PRELUDE, WEIGH
+from hydro_twin.compiled import compiled
 from hydro_twin.plants.plant import FloatArray
 from hydro_twin.predictors.kernel import floor, inputs_over, interpolated, LIMIT, observe
+from hydro_twin.predictors.linearise import average, differentiate, straight
 from hydro_twin.predictors.rows import add, clear, in_rows, put, weigh, WIDTH
 from hydro_twin.predictors.system import discretise, port_rows, System
 
-NAME = 'hydro_twin_tangents'
 COMPLEX_STEP = 1e-20
 NODES = 9               # a parameter that more than doubles turns the derivatives by 2 %
 UNBOUNDED = 1e50        # of a derivative: its products in a fit would overflow
@@ -42,6 +40,9 @@ class Tangent(NamedTuple):
         shifts: whether that moves.
         compliance: how far the first signal of each implicit effect rises for a unit added, (K,).
         d_compliance: its derivatives.
+        moving: whether the matrices move at all.
+        rest: the first of K columns for what the laws vary beside a line, where the derivatives of
+            a state are a root of its covariance; -1 where they are but derivatives.
     """
 
     M: FloatArray
@@ -52,30 +53,9 @@ class Tangent(NamedTuple):
     shifts: bool
     compliance: FloatArray
     d_compliance: FloatArray
+    moving: bool
+    rest: int
 
-
-def source() -> str:
-    """Write the module of the laws' derivatives.
-
-    A law whose source cannot be differentiated has its derivatives by differences.
-    """
-    imports, functions, branches = [], [PRELUDE, WEIGH], []
-    for k, (module, law) in enumerate(LAWS):
-        if law is None:
-            continue
-        name = f'tangent_{k}'
-        try:
-            functions.append(law_tangent(law, name))
-        except (NoTangent, OSError):
-            imports.append(f'from {module} import law as law_{k}')
-            functions.append(law_differences(f'law_{k}', name))
-        branches.append(f'    if code == {k}:\n        return {name}(v, s, p, z, h, c, z_next, g)')
-    head = '\n\n\n@compiled\ndef apply(code, v, s, p, z, h, c, z_next, g):'
-    return '\n'.join([*imports, ''.join(functions).rstrip('\n') + head, *branches,
-                      '    return v', ''])
-
-
-apply: Callable[..., Any] = generated(NAME, source).apply
 
 # The rows of `Rows.spare`: value before and after an effect, and the two signals it reads.
 BEFORE, AFTER, SIGNAL = 0, 1, 2
@@ -113,6 +93,51 @@ def rows_for(system: System, blocks: int) -> Rows:
                   len(system.plant.ports))
     return Rows(*(np.zeros((count, blocks, WIDTH))
                   for count in (n, W, m, m, P, P, n, n, W, SPARE)))
+
+
+def partials(system: System) -> FloatArray:
+    """Allocate what derivatives of a law are written to, twice."""
+    return np.zeros((2, 1 + system.memory, 5 + len(system.step.p) + system.memory))
+
+
+@compiled
+def linearise(  # type: ignore[no-untyped-def]
+        step, tangent, e, v, s, z, h, c, z_next, Z, Z_next, spare, g):
+    """Return what the law of effect e gives; its derivatives go to spare[AFTER] and Z_next.
+
+    Those of the value v and of the signals s are in spare. Where they are roots of covariances,
+    the law is made linear over those.
+    """
+    effect = step.effects[e]
+    p, first, last = step.p[effect.p_begin:effect.p_end], effect.z_begin, effect.z_end
+    own, kept = z[first:last], z_next[first:last]
+    used = g[0, :1 + last - first, :4 + len(p) + last - first]
+    value = differentiate(effect.code, v, s, p, own, h, c, kept, used)
+    beside = 0.0
+    if tangent.rest >= 0:
+        read = SIGNAL if effect.signal_0 >= 0 else BEFORE
+        square = product = 0.0
+        for q in range(tangent.rest):
+            by = spare[read, q // WIDTH, q % WIDTH]
+            square += by * by
+            product += by * spare[BEFORE, q // WIDTH, q % WIDTH]
+        ds = math.sqrt(square)
+        dv = product / ds if ds > 0.0 else 0.0
+        if read == BEFORE:
+            ds = 0.0
+        if square > 0.0:
+            spent = g[1, 0, :last - first]
+            if not straight(effect.code, v, s, p, own, h, c, spent, used, value, dv, ds):
+                value, beside = average(effect.code, v, s, p, own, h, c, kept, used,
+                                        g[1, :1 + last - first, :5 + len(p) + last - first],
+                                        dv, ds)
+    chain(used[0], step, tangent, e, Z, spare, spare, AFTER)
+    if tangent.rest >= 0:
+        q = tangent.rest + e
+        spare[AFTER, q // WIDTH, q % WIDTH] += beside
+    for i in range(last - first):
+        chain(used[1 + i], step, tangent, e, Z, spare, Z_next, first + i)
+    return value
 
 
 @compiled
@@ -183,12 +208,7 @@ def add_effects(  # type: ignore[no-untyped-def]
         if effect.signal_1 >= 0:
             s[1] = observe(H, effect.signal_1, x, u, d, active)
             observe_rows(step, tangent, effect.signal_1, x, u, d, X, U, D, spare, SIGNAL + 1)
-        kept = slice(effect.z_begin, effect.z_end)
-        after = apply(effect.code, before, s, step.p[effect.p_begin:effect.p_end], z[kept], h,
-                      0.0, z_next[kept], g)
-        chain(g[0], step, tangent, e, Z, spare, spare, AFTER)
-        for i in range(effect.z_end - effect.z_begin):
-            chain(g[1 + i], step, tangent, e, Z, spare, Z_next, effect.z_begin + i)
+        after = linearise(step, tangent, e, before, s, z, h, 0.0, z_next, Z, Z_next, spare, g)
         d[port] += after - before
         add(D, port, 1.0, spare, AFTER)
         add(D, port, -1.0, spare, BEFORE)
@@ -237,9 +257,9 @@ def add_to_port(  # type: ignore[no-untyped-def]
     at = n + 2 * m + port
     for i in range(n):
         add(out, i, begin * M[i, at] + end * M[i, at + P], rows, j)
-        if begin * value != 0.0:
+        if tangent.moving and begin * value != 0.0:
             add(out, i, begin * value, tangent.M, i * width + at)
-        if end * value != 0.0:
+        if tangent.moving and end * value != 0.0:
             add(out, i, end * value, tangent.M, i * width + at + P)
 
 
@@ -267,9 +287,10 @@ def advance(step, tangent, x, z, work, rows, g, inputs, k):  # type: ignore[no-u
             linear[i] = value
             clear(L, i)
             weigh(L, i, M[i], X, 0, n)
-            weigh(L, i, x, dM, i * width, n)
-            weigh(L, i, begin, dM, i * width + n, m)
-            weigh(L, i, end, dM, i * width + n + m, m)
+            if tangent.moving:
+                weigh(L, i, x, dM, i * width, n)
+                weigh(L, i, begin, dM, i * width + n, m)
+                weigh(L, i, end, dM, i * width + n + m, m)
             if tangent.shifts:
                 weigh(L, i, M[i, n:], U0, 0, m)
                 weigh(L, i, M[i, n + m:], U1, 0, m)
@@ -305,16 +326,13 @@ def advance(step, tangent, x, z, work, rows, g, inputs, k):  # type: ignore[no-u
                 effect = step.effects[e]
                 if not effect.implicit:
                     continue
-                port, own = effect.port, slice(effect.z_begin, effect.z_end)
+                port = effect.port
                 s[0] = observe(H, effect.signal_0, linear, end, d1, active)
                 observe_rows(step, tangent, effect.signal_0, linear, end, d1, L, U1, D1, spare,
                              SIGNAL)
-                added = apply(effect.code, 0.0, s, step.p[effect.p_begin:effect.p_end], z[own], h,
-                              tangent.compliance[e], z_next[own], g)
                 clear(spare, BEFORE)
-                chain(g[0], step, tangent, e, Z, spare, spare, AFTER)
-                for i in range(effect.z_end - effect.z_begin):
-                    chain(g[1 + i], step, tangent, e, Z, spare, Z_next, effect.z_begin + i)
+                added = linearise(step, tangent, e, 0.0, s, z, h, tangent.compliance[e], z_next,
+                                  Z, Z_next, spare, g)
                 for i in range(n):
                     linear[i] += (M[i, at + port] + M[i, at + P + port]) * added
                 add_to_port(step, tangent, L, port, 1.0, 1.0, added, spare, AFTER)
@@ -462,7 +480,7 @@ def tangent_of(system: System, by: Directions, moves: Moves | None = None) -> Ta
             rises[e] = (both @ dH[effect['signal_0'], :n]
                         + row @ dM[:, [begin, begin + P]].sum(axis=1))
     return Tangent(in_rows(dM), in_rows(dH), dH.any(axis=2), in_rows(p), in_rows(shift),
-                   bool(shift.any()), compliance, in_rows(rises))
+                   bool(shift.any()), compliance, in_rows(rises), bool(dM.any()), -1)
 
 
 def run_with_slopes(system: System, by: Directions, tangents: Sequence[Tangent],
@@ -490,7 +508,7 @@ def run_with_slopes(system: System, by: Directions, tangents: Sequence[Tangent],
     blocks = in_rows(columns)
     rows = rows_for(system, blocks.shape[1])
     rows.X[:], rows.Z[:] = blocks[:n], blocks[n:]
-    g = np.zeros((1 + system.memory, 4 + len(system.step.p) + system.memory))
+    g = partials(system)
     y, dy = np.empty(len(inputs)), np.empty((len(inputs), columns.shape[1]))
     x, z, stages = x.copy(), z.copy(), system.stages
     for k, first, last in system.stretches(len(inputs), start):

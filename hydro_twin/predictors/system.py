@@ -31,6 +31,7 @@ class System:
         laws: the linear laws that it comes from.
         step: what the kernel takes.
         memory: how many numbers the effects keep, and one more for each.
+        placed: the effects in the order of the step.
         begins: of each effect in the order given, where its parameters begin; -1: it has no law.
         values: parameters and constants by name.
         time: stamp [s] of these values, where a parameter drifts.
@@ -41,6 +42,7 @@ class System:
     laws: Laws
     step: Step
     memory: int
+    placed: tuple[Placed, ...]
     begins: tuple[int, ...]
     values: Mapping[str, float]
     time: float = math.inf
@@ -257,6 +259,7 @@ def _assemble(plant: Plant, values: Mapping[str, float], effects: Sequence[Place
         p=np.array(p, dtype=np.float64), shift=late, held=held, substeps=steps, sample_time=T)
     begin = {id(placed): entry[4] for placed, entry in zip(at_port, entries, strict=True)}
     return System(plant=plant, laws=laws, step=step, memory=memory + len(entries),
+                  placed=tuple(at_port),
                   begins=tuple(begin.get(id(placed), -1) for placed in effects),
                   values=values, time=time)
 

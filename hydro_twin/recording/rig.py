@@ -30,12 +30,14 @@ class Rig:
         constants: all constants of the plant, in SI units.
         signals: where the plant's inputs and its output are found in messages.
         clock: what is known of the sample time before a recording is read.
+        follow: parameters that an observer is to follow, NAME or NAME=RATE.
     """
 
     plant: Plant
     constants: dict[str, float]
     signals: dict[str, SignalMap]
     clock: Clock
+    follow: tuple[str, ...] = ()
 
 
 def rig_of(plant: Plant, config: Path | None = None, constants: dict[str, float] | None = None,
@@ -55,7 +57,7 @@ def rig_of(plant: Plant, config: Path | None = None, constants: dict[str, float]
     given = load_parameters(config) if config else {}
     clock = clock_of(plant, given, str(config), model.sample_time if model else None)
     values = plant.constant_values(load_constants(plant.name, config) | (constants or {}))
-    return Rig(plant, values, signals, clock)
+    return Rig(plant, values, signals, clock, tuple(given.get('follow') or ()))
 
 
 def read(bags: Sequence[Path], rig: Rig, show: Progress = silent) -> Recording:

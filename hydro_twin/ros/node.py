@@ -175,7 +175,8 @@ class TwinNode(LifecycleNode):
         Raises:
             ModelError: one cannot be used.
         """
-        twins = [load_twin(choice, mode) for choice in chosen]
+        twins = [load_twin(choice, mode, self.get_parameter('follow').value)
+                 for choice in chosen]
         for choice, twin in zip(chosen, twins, strict=True):
             if twin.mode != mode:
                 self.get_logger().warning(
@@ -338,22 +339,23 @@ class TwinNode(LifecycleNode):
         if 'horizon' in values:
             for outlet in self._outlets:
                 outlet.horizon = values['horizon']
-        if 'model' in values or 'mode' in values:
+        if values.keys() & {'model', 'mode', 'follow'}:
             model = self._chosen[0].path if 'model' not in values else values['model']
             self._worker.do(partial(self._reload, Path(model).expanduser(),
-                                    self.get_parameter('mode').value))
+                                    self.get_parameter('mode').value, 'follow' in values))
 
     # Off the hot path
 
-    def _reload(self, model: Path, mode: str) -> None:
+    def _reload(self, model: Path, mode: str, follow: bool) -> None:
         """Load what has changed to take over from what runs, or leave that running."""
         first, *others = self._chosen
+        everywhere = follow or mode != self._mode
         chosen = [Choice(first.name, model), *others]
         diagnosis = self._diagnosis
         if diagnosis is None:
             return   # cleaned up meanwhile
         try:
-            twins = self._load(chosen if mode != self._mode else chosen[:1], mode)
+            twins = self._load(chosen if everywhere else chosen[:1], mode)
             same_inputs(twins[0], diagnosis.twins[0])
         except ModelError as error:
             self.get_logger().error(f'refused, the model before it still runs: {error}')

@@ -50,7 +50,7 @@ class Topics:
         self._given: dict[str, str] = {}   # resolved name -> as it was given
         self._inputs: dict[str, Subscription] = {}
         self._outputs: list[LifecyclePublisher] = []
-        self._estimates: list[tuple[Outlet, LifecyclePublisher, LifecyclePublisher]] = []
+        self._estimates: list[tuple[Outlet, dict[str, LifecyclePublisher]]] = []
 
     def resolved(self, signals: Mapping[str, SignalMap]) -> dict[str, SignalMap]:
         """Check where signals are to be found, and name their topics as they are subscribed to.
@@ -93,19 +93,18 @@ class Topics:
             UserError: a QoS override is wrong.
         """
         prefix = f'~/{twin.name}/' if twin.name else '~/'
-        prediction, residual, states, ahead = (
-            self._output(f'{prefix}{topic}')
-            for topic in ('prediction', 'residual', 'states', 'ahead'))
-        outlet = Outlet(twin, horizon, prediction.publish, residual.publish, states.publish,
-                        ahead.publish)
-        self._estimates.append((outlet, states, ahead))
+        outputs = {topic: self._output(f'{prefix}{topic}') for topic in (
+            'prediction', 'residual', 'states', 'ahead', 'parameters')}
+        outlet = Outlet(twin, horizon, *(output.publish for output in outputs.values()))
+        self._estimates.append((outlet, outputs))
         return outlet
 
     def note_subscribers(self) -> None:
-        """See for which twins somebody listens to the states, and to what is ahead."""
-        for outlet, states, ahead in list(self._estimates):
-            outlet.states_wanted = states.get_subscription_count() > 0
-            outlet.ahead_wanted = ahead.get_subscription_count() > 0
+        """See for which twins somebody listens to what costs work."""
+        for outlet, outputs in list(self._estimates):
+            outlet.states_wanted, outlet.ahead_wanted, outlet.parameters_wanted = (
+                outputs[topic].get_subscription_count() > 0
+                for topic in ('states', 'ahead', 'parameters'))
 
     def _output(self, topic: str) -> Any:
         with blamed(self._node.resolve_topic_name(topic)):

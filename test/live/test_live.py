@@ -206,7 +206,7 @@ def test_a_twin_that_diverges_is_reset_and_publishes_nothing() -> None:
     echo = Echo(model(), gain=100.0)
     twin = Twin('', echo, 'free_run')
     sent: list[bytes] = []
-    outlet = Outlet(twin, 1, sent.append, ignore, ignore, ignore)
+    outlet = Outlet(twin, 1, sent.append, ignore, ignore, ignore, ignore)
     for k in range(100):
         outlet.step(k * STEP, [0.0, 0.0], 1.0)   # type: ignore[arg-type]
     read = Reader([SignalMap('/a', 'sensor_msgs/msg/JointState', 'effort[0]')]).read
@@ -219,7 +219,7 @@ def test_a_missing_measurement_leaves_no_residual() -> None:
     twin = Twin('', Echo(model()), 'one_step')
     residuals: list[bytes] = []
     predictions: list[bytes] = []
-    outlet = Outlet(twin, 1, predictions.append, residuals.append, ignore, ignore)
+    outlet = Outlet(twin, 1, predictions.append, residuals.append, ignore, ignore, ignore)
     for measured in (1.0, 1.0, math.nan):
         outlet.step(0, [0.0, 0.0], measured)   # type: ignore[arg-type]
     assert (len(predictions), len(residuals)) == (2, 1)
@@ -228,7 +228,8 @@ def test_a_missing_measurement_leaves_no_residual() -> None:
 def test_a_twin_that_takes_over_costs_no_prediction() -> None:
     """It is published once it predicts; what it starts with is made by the one before."""
     sent: list[bytes] = []
-    outlet = Outlet(Twin('', Echo(model()), 'one_step'), 1, sent.append, ignore, ignore, ignore)
+    outlet = Outlet(Twin('', Echo(model()), 'one_step'), 1, sent.append, ignore, ignore, ignore,
+                    ignore)
     for k in range(20):
         if k == 10:
             outlet.exchange(Twin('', Echo(model(), gain=2.0), 'one_step'))

@@ -112,31 +112,40 @@ def test_the_observer_publishes_the_states_that_nobody_measures(rig: Rig, bag: P
                                                                 ) -> None:
     states = rig.listen('/hydro_twin/states', JointState)
     ahead = rig.listen('/hydro_twin/ahead', JointState)
-    predictor = load_predictor(model)
+    parameters = rig.listen('/hydro_twin/parameters', JointState)
+    predictor = load_predictor(model, follow=['B_m=0.3'])
+    observer = predictor.filter
     recording = read_recording([bag], load_signals('load_simulator', NAMES), ['u_m'], 0.002)
-    expected, later = {}, {}
+    expected, later, followed = {}, {}, {}
     for series in recording.series:
         inputs = np.column_stack([series[name] for name in ('u_m', 'theta_d')])
-        _, estimates = Analytical(predictor.model).filter.run(inputs, series['T_g'], True)
-        expected |= {series.start + k * STEP: estimate.ravel().tolist()
-                     for k, estimate in enumerate(estimates)}
-        stepper = Analytical(predictor.model).stepper('observer')
+        _, estimates = observer.run(inputs, series['T_g'], True)
+        for k, estimate in enumerate(estimates):
+            expected[series.start + k * STEP] = estimate[:, :-1].ravel().tolist()
+            followed[series.start + k * STEP] = observer.followed.in_units(
+                estimate[:, -1:]).ravel().tolist()
+        stepper = predictor.stepper('observer')
         for k, row in enumerate(zip(inputs, series['T_g'].tolist(), strict=True)):
             stepper.step(*row)
             later[series.start + (k + 20) * STEP] = stepper.ahead(20)
-    with twin(model=model, horizon=20, **lossless(
-            outputs=[*OUTPUTS, '/hydro_twin/states', '/hydro_twin/ahead'])):
+    with twin(model=model, horizon=20, follow=['B_m=0.3'], **lossless(
+            outputs=[*OUTPUTS, '/hydro_twin/states', '/hydro_twin/ahead',
+                     '/hydro_twin/parameters'])):
         rig.ready()
         play(bag)
-        rig.until(lambda: len(states) >= len(expected) and len(ahead) >= len(later),
-                  'all is estimated')
+        rig.until(lambda: len(states) >= len(expected) and len(ahead) >= len(later)
+                  and len(parameters) >= len(followed), 'all is estimated')
     assert [(stamp_of(m), *m.effort) for m in ahead] == [(k, *both) for k, both in later.items()]
     assert ahead[0].name == ['T_g', 'T_g_std']
     assert [stamp_of(m) for m in states] == list(expected)
-    names = ['x_v', 'p_L', 'omega_j', 'theta_j']
+    names = [*observer.names]
+    assert names[:4] == ['x_v', 'p_L', 'omega_j', 'theta_j']
     assert states[0].name == [*names, *(f'{name}_std' for name in names)]
+    assert parameters[0].name == ['B_m', 'B_m_std']
+    assert {stamp_of(m): m.position.tolist() for m in parameters} == followed
     assert [m.position.tolist() for m in states] == list(expected.values())
-    assert all(deviation > 0.0 for m in states for deviation in m.position[4:])
+    assert all(deviation > 0.0 for m in states
+               for deviation in m.position[len(names):len(names) + 4])
 
 
 def set_parameter(rig: Rig, name: str, value: object) -> Any:
