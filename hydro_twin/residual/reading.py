@@ -31,6 +31,7 @@ ALONG = 0.9             # cosine to the signal of the curve, from which a port i
 LAWS = 3                # most laws in a reading
 FORMS = 3               # forms of a law, the best by themselves, that compositions start from
 STEPS = 30              # of a fit to the curve, which costs next to nothing
+FAR = 5.0               # most that a coordinate moves in it: a factor of 150, or six times its size
 POOR = 0.5              # share of the power of a curve; what leaves more does not draw it
 CORNER = 0.01           # share that a curve of few knots misses of laws with corners
 READ = 6                # readings that are fitted to the recording
@@ -194,6 +195,6 @@ def _composed(drawn: Characteristic, forms: Sequence[list[tuple[Site, Placed]]])
         return _missed(drawn, laws_at(coordinates), gains)
 
     start = np.array([one.coordinate(begun[k].named[one.name]) for k, one in unknowns])
-    found = least_squares(missed, start, max_nfev=STEPS)
+    found = least_squares(missed, start, bounds=(start - FAR, start + FAR), max_nfev=STEPS)
     laws = min((list(begun), laws_at(found.x)), key=left)
     return Composition(left(laws), tuple(laws))
