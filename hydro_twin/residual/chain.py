@@ -259,6 +259,10 @@ def _proven(chain: Chain, without: Fit, context: Context) -> Chain:
     be left out because another took its place as a simpler law, as a hysteresis that is never
     crossed and so is a constant of each window, the other is dropped.
 
+    Short held-out data may not prove each of two effects without the other, as a dead zone with a
+    limit behind it. Where none would be left, those stay that surely help together, if each is
+    more likely to help than not.
+
     Args:
         chain: a model that has grown.
         without: the fit without any of its effects.
@@ -270,15 +274,11 @@ def _proven(chain: Chain, without: Fit, context: Context) -> Chain:
     if len(bare) == 1:
         bare = [min(bare[0], without, key=lambda fit: fit.cost)]
     after = residuals(chain.fit, context.held_out)
-    fails = {}
-    for k, fit in enumerate(bare):
-        before = residuals(fit, context.held_out)
-        helps = improvement(before, after, context.seed).low
-        if not helps > 0.0:
-            fails[k] = helps
+    gains = [improvement(residuals(fit, context.held_out), after, context.seed) for fit in bare]
+    fails = [k for k, gain in enumerate(gains) if not gain.low > 0.0]
     if not fails:
         return chain
-    least = min(fails, key=lambda k: fails[k])
+    least = min(fails, key=lambda k: gains[k].low)
     rest = other_findings(chain, least)
     for k, found in enumerate(rest):
         if not is_distinguishable(bare[least], context.parts, found.index):
@@ -286,7 +286,10 @@ def _proven(chain: Chain, without: Fit, context: Context) -> Chain:
             break
     # What stood beside the others need not be the best by itself.
     chosen = _exchange(Chain(bare[least], other_findings(chain, least)), context, last=True)
-    return _proven(chosen, without, context)
+    smaller = _proven(chosen, without, context)
+    together = len(gains) > 1 and all(gain.relative > 0.0 for gain in gains) and improvement(
+        residuals(without, context.held_out), after, context.seed).low > 0.0
+    return chain if together and not smaller.findings else smaller
 
 
 def supported(chain: Chain, without: Fit, context: Context) -> Chain:
