@@ -287,9 +287,10 @@ def _proven(chain: Chain, without: Fit, context: Context) -> Chain:
     # What stood beside the others need not be the best by itself.
     chosen = _exchange(Chain(bare[least], other_findings(chain, least)), context, last=True)
     smaller = _proven(chosen, without, context)
-    together = len(gains) > 1 and all(gain.relative > 0.0 for gain in gains) and improvement(
-        residuals(without, context.held_out), after, context.seed).low > 0.0
-    return chain if together and not smaller.findings else smaller
+    if smaller.findings or len(gains) < 2 or not all(gain.relative > 0.0 for gain in gains):
+        return smaller
+    before = residuals(without, context.held_out)
+    return chain if improvement(before, after, context.seed).low > 0.0 else smaller
 
 
 def supported(chain: Chain, without: Fit, context: Context) -> Chain:

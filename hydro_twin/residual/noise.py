@@ -56,6 +56,25 @@ def autoregression(stretches: Sequence[FloatArray], order: int = 6) -> FloatArra
     return np.concatenate([[1.0], -a])
 
 
+def effective_samples(stretches: Sequence[FloatArray]) -> float:
+    """Count the independent samples that tell the power of a residual as well as it does.
+
+    N / (1 + 2 sum of the squared autocorrelations) [Bartlett 1946].
+    """
+    joined = np.concatenate(stretches)
+    power = float(joined @ joined)
+    lags = range(1, min(SPELL, min(map(len, stretches))))
+    correlations = [sum(float(r[:-lag] @ r[lag:]) for r in stretches) / max(power, 1e-300)
+                    for lag in lags]
+    return len(joined) / (1.0 + 2.0 * float(np.sum(np.square(correlations))))
+
+
+def larger_by_chance(residual: Sequence[FloatArray], than: Sequence[FloatArray]) -> float:
+    """P-value of a residual being so much larger than another, were both of one power (F test)."""
+    ratio = (rms(np.concatenate(residual)) / max(rms(np.concatenate(than)), 1e-300)) ** 2
+    return float(stats.f.sf(ratio, effective_samples(residual), effective_samples(than)))
+
+
 def whiten(stretches: Sequence[FloatArray], filter_: FloatArray) -> FloatArray:
     """Filter every stretch and join them, without the samples that lack a past."""
     cut = len(filter_) - 1

@@ -31,7 +31,7 @@ from hydro_twin.residual.evidence import Evidence
 from hydro_twin.residual.excerpt import excerpt, harmless_factor, resampled, thin
 from hydro_twin.residual.limits import without_unreached
 from hydro_twin.residual.memory import named, remember
-from hydro_twin.residual.noise import bursts, lines, noise_floor
+from hydro_twin.residual.noise import bursts, larger_by_chance, lines, noise_floor
 from hydro_twin.residual.proof import improvement, proof, residuals
 from hydro_twin.residual.screen import hidden
 from hydro_twin.residual.select import (
@@ -229,13 +229,14 @@ def _search(train: Recording, test: Recording, plant: Plant,
     if chain.findings and not gain.low > 0.0:
         chain, after = Chain(base), base
         gain = _gain(before, base, test, seed)
-    pieces = by_part(after)
+    pieces, left = by_part(after), residuals(after, fine_held_out)
     traced = Evidence(
         plant=plant, before=before, after=after, train=whole, test=held_out,
         recordings={'train': train, 'test': test}, fitted=fine, hidden=(),
         findings=chain.findings,
-        improvement=gain, held_out_error=rms(np.concatenate(residuals(after, fine_held_out))),
-        floor=noise_floor(pieces), white=is_white(pieces),
+        improvement=gain, held_out_error=rms(np.concatenate(left)),
+        larger_by_chance=larger_by_chance(left, pieces), floor=noise_floor(pieces),
+        white=is_white(pieces),
         lines=tuple(lines(pieces, sample_time)),
         bursts=tuple(bursts(residuals(after, [*whole, *held_out]))),
         depends_on=tuple(dependences(after, fine)), drifts=drift(after, fine),

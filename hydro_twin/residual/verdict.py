@@ -14,6 +14,8 @@ from hydro_twin.result import CLOSE, NamedEffect, NEAR, VerdictKind
 
 LEFT = 0.01             # share of the residual that ports may predict if a law is right
 LIKELY = 0.05           # p-value of that share, if the residual is white; else 1
+LARGER = 1e-3           # p-value of the error on held-out data being larger by chance, below which
+#                         coloured noise may hide that the law is another
 TELLING = 3000.0        # energy explained over the noise variance, to be sure of a law
 
 
@@ -55,6 +57,7 @@ def _judge(found: Evidence, finding: Finding, reach: Mapping[Port, Span]) -> Nam
         finding.index, placed, finding.p_value, finding.share,
         certain=telling > TELLING and not is_structured(found, LIKELY if found.white else 1.0)
         and found.after.error < COLOURED * found.floor
+        and (found.white or found.larger_by_chance > LARGER)
         and all(distance > NEAR for _, distance in rivals),
         other_ports=other_ports, rivals=rivals)
 

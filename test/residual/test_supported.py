@@ -93,6 +93,19 @@ def test_an_effect_is_proven_by_the_whole_interval_of_its_improvement(both, monk
     assert names(_proven(chain, alone, context)) == []
 
 
+@pytest.mark.parametrize(('bias_helps', 'together', 'left'), [
+    (0.3, 0.4, ['friction', 'bias']), (0.3, -0.1, []), (-0.1, 0.4, [])])
+def test_effects_stay_that_are_proven_only_together(both, monkeypatch, bias_helps, together, left):
+    chain, alone, context = grown(both, FRICTION, BIAS)
+    helps = iter([Improvement(0.6, 0.03, 0.9), Improvement(bias_helps, -0.2, 0.7),  # with both in
+                  Improvement(0.5, -0.3, 0.8),                                      # friction only
+                  Improvement(0.8, together, 0.9)])
+    module = 'hydro_twin.residual.chain'
+    monkeypatch.setattr(f'{module}.improvement', lambda *_: next(helps))
+    monkeypatch.setattr(f'{module}._exchange', lambda chain, context, last: chain)
+    assert names(_proven(chain, alone, context)) == left
+
+
 @pytest.mark.slow
 def test_what_stood_beside_an_effect_that_is_dropped_is_chosen_again(both, monkeypatch):
     """A leakage beside a bias may be all that is left, and friction is what is there."""

@@ -67,6 +67,14 @@ def test_a_law_is_not_certain_where_memory_is_left_that_the_ports_predict(rubbin
         assert all(one.certain == certain for one in found), (white, by_ports)
 
 
+def test_a_law_is_not_certain_where_coloured_noise_is_larger_on_held_out_data(rubbing):
+    alone = replace(rubbing, findings=tuple(
+        replace(finding, rivals=()) for finding in rubbing.findings))
+    for white, p_value, certain in ((True, 1e-5, True), (False, 1e-5, False), (False, 0.1, True)):
+        found = named_effects(replace(alone, white=white, larger_by_chance=p_value))
+        assert all(one.certain == certain for one in found), (white, p_value)
+
+
 @pytest.mark.parametrize(('travel', 'others'), [(0.0, ['ripple']), (0.05, ['ripple']), (0.3, [])])
 def test_a_constant_torque_may_be_a_ripple_where_the_motor_hardly_turns(travel, others):
     plant = plant_named('load_simulator')
