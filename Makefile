@@ -29,9 +29,9 @@ test: $(UV)
 	$(DEV) ruff check
 	$(MAKE) --jobs=2 types tests
 
-# Traces of measured data in $HYDRO_TWIN_DATA, see docs/measured.md: a quarter of an hour.
+# What takes minutes: most are traces of measured data in $HYDRO_TWIN_DATA, see docs/measured.md.
 measured: $(UV)
-	$(DEV) pytest -m measured test/test_measured.py
+	$(DEV) pytest -m measured
 
 types: $(UV)
 	$(DEV) mypy

@@ -162,6 +162,7 @@ def test_water_valve(shell: Shell, tmp_path: Path) -> None:
     documented('traced', 100.0 * found['after']['free_run']['test'], rel=FITTED)
 
 
+@pytest.mark.measured
 def test_leg(shell: Shell, tmp_path: Path) -> None:
     maps = ROOT / 'config' / 'measured'
     shell('import', DATA / 'leg' / 'policy1_sin1Hz.csv.gz', '-o', tmp_path / 'leg',

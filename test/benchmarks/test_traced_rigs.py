@@ -14,6 +14,7 @@ def traced(seed, effect):
     return evidence(case.rig().recording(), None, LOAD_SIMULATOR)
 
 
+@pytest.mark.measured
 def test_flow_that_saturates_softly_is_a_curve_and_no_orifice():
     found = traced(6060, 'soft_flow')
     assert found.findings == ()
