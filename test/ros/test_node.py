@@ -37,7 +37,6 @@ from std_srvs.srv import Trigger  # noqa: E402
 
 from hydro_twin.model import load_predictor, Model, Noise, Record, write_model  # noqa: E402
 from hydro_twin.plants import plant_named  # noqa: E402
-from hydro_twin.predictors.analytical import Analytical  # noqa: E402
 from hydro_twin.recording.read import read_recording  # noqa: E402
 from hydro_twin.recording.series import Series  # noqa: E402
 from hydro_twin.recording.signals import load_signals  # noqa: E402
