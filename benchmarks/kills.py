@@ -33,6 +33,7 @@ from hydro_twin.ros.worn_rig import first_model
 from hydro_twin.store.store import Store
 
 BETWEEN = 1.0, 15.0     # from one kill to the next [s]; a start takes some 4 s
+ANSWER = 2.0            # of a service [s]
 LONGEST = 300.0         # until the twin runs the champion in the end [s]
 VERB = 'hydro_twin.commands.main'
 
@@ -105,17 +106,13 @@ def state(store: Path) -> tuple[set[str], set[str]]:
     return {version.name for version in versions}, captures
 
 
-def ask(node: Any, kind: Any, service: str, request: Any, longest: float = 2.0) -> Any:
+def ask(node: Any, client: Any, request: Any) -> Any:
     """Call a service; None where it does not answer."""
-    client = node.create_client(kind, service)
-    try:
-        if not client.wait_for_service(longest):
-            return None
-        future = client.call_async(request)
-        rclpy.spin_until_future_complete(node, future, timeout_sec=longest)
-        return future.result()
-    finally:
-        node.destroy_client(client)
+    if not client.wait_for_service(ANSWER):
+        return None
+    future = client.call_async(request)
+    rclpy.spin_until_future_complete(node, future, timeout_sec=ANSWER)
+    return future.result()
 
 
 def main() -> None:
@@ -126,6 +123,8 @@ def main() -> None:
     done = dict.fromkeys(('keep', 'tracer', 'node'), 0)
     rclpy.init()
     node = rclpy.create_node('kills')
+    capture = node.create_client(Trigger, '/hydro_twin_keep/capture')
+    get = node.create_client(GetParameters, '/hydro_twin/get_parameters')
     wear = node.create_publisher(Empty, '/wear', 10)
     with TemporaryDirectory() as folder:
         processes = Processes(Path(folder))
@@ -134,12 +133,13 @@ def main() -> None:
             while sum(done.values()) < kills:
                 end = time.monotonic() + rng.uniform(*BETWEEN)
                 while time.monotonic() < end:
-                    ask(node, Trigger, '/hydro_twin_keep/capture', Trigger.Request())
+                    ask(node, capture, Trigger.Request())
                     time.sleep(0.5)
                 if versions:
                     wear.publish(Empty())
                 name = rng.choice(list(done))
                 done[name] += processes.kill(name)
+                print(f'{sum(done.values())} of {kills}: {name}', file=sys.stderr, flush=True)
                 before = versions, captures
                 versions, captures = state(processes.store)
                 assert versions >= before[0], 'a version is lost'
@@ -149,8 +149,7 @@ def main() -> None:
             runs, end = '', time.monotonic() + LONGEST
             while time.monotonic() < end:
                 champion = Store(processes.store).champion
-                answer = ask(node, GetParameters, '/hydro_twin/get_parameters',
-                             GetParameters.Request(names=['model']))
+                answer = ask(node, get, GetParameters.Request(names=['model']))
                 runs = answer.values[0].string_value if answer else ''
                 if champion is not None and runs == str(champion.model_file):
                     break
