@@ -7,7 +7,7 @@ BAG := bags/rig_a
 # What each of many processes imports is compiled to bytecode once.
 unexport PYTHONDONTWRITEBYTECODE
 
-.PHONY: demo fleet-demo test types tests measured docs bags picture
+.PHONY: demo fleet-demo loop test types tests measured docs bags picture
 
 # Fits the linear model to a recording, finds what it lacks, adds that, and compares the two.
 demo: $(UV)
@@ -23,6 +23,12 @@ fleet-demo: $(UV)
 	$(RUN) --extra fleet bags/fleet.py out/fleet
 	$(RUN) --extra fleet hydro-twin fleet out/fleet/fleet.csv -o out/fleet/out
 	@echo "See out/fleet/out/fleet.html."
+
+# A rig that begins to rub and then has play, in real time, and the models that come of it.
+loop: $(UV)
+	@echo 'Five to eight minutes on two cores that are free.' >&2
+	$(DEV) bags/loop.py out/loop
+	@echo "See out/loop/loop.html."
 
 # With CI set, the slow tests too. mypy has one core only to work with, so the tests run beside it.
 test: $(UV)

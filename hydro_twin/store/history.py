@@ -9,7 +9,7 @@ from typing import Any
 from hydro_twin.errors import ModelError
 from hydro_twin.store.change import effect_values, parameters, Value
 from hydro_twin.store.store import Store
-from hydro_twin.store.version import ALIASES, ROLLED_BACK, Version
+from hydro_twin.store.version import ALIASES, entered, ROLLED_BACK, Version
 
 DAY = 86400.0     # [s]
 
@@ -77,11 +77,6 @@ def verdict(version: Version) -> str:
     shown = f', evidence {evidence["e_value"]:.3g}' if 'e_value' in evidence else ''
     why = f' ({last["why"]})' if last.get('why') else ''
     return f'{said} by {last["by"]}{shown}{why}'
-
-
-def entered(version: Version) -> datetime:
-    """Say when a version was entered."""
-    return datetime.fromisoformat(version.decisions[0]['when'])
 
 
 def courses(versions: Sequence[Version]) -> list[Course]:

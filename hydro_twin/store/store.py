@@ -42,6 +42,7 @@ from hydro_twin.store.version import (
     read_version,
     REPORTS,
     ROLLED_BACK,
+    since,
     StoreError,
     Version,
 )
@@ -168,7 +169,8 @@ class Store:
                     shutil.copyfile(reports / report, part / report)
             record = {
                 'version': name, 'parent': champion.name if champion else None,
-                'changed': change(parent, made).says if parent else 'the first model',
+                'changed': (f'{change(parent, made).says} {since(champion)}'
+                            if champion and parent else 'the first model'),
                 **({'bag': dict(bag)} if bag else {}),
                 'decisions': [decision(ENTERED, by)]}
             (part / DECISION).write_text(as_json(record), 'utf-8')

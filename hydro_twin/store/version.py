@@ -81,6 +81,19 @@ def read_version(folder: Path) -> Version:
     return Version(folder.name, folder, record)
 
 
+def entered(version: Version) -> datetime:
+    """Say when a version was entered."""
+    return datetime.fromisoformat(version.decisions[0]['when'])
+
+
+def since(version: Version) -> str:
+    """Say since when a version is there, as 'since 3 May 2026', or the hour if it was today."""
+    then = entered(version)
+    if then.date() == datetime.now(UTC).date():
+        return f'since {then:%H:%M} UTC'
+    return f'since {then.day} {then:%B %Y}'
+
+
 def decision(what: str, by: str, evidence: Mapping[str, Any] | None = None, why: str = '',
              ) -> dict[str, Any]:
     """Write a decision down, with the time."""

@@ -3,6 +3,7 @@ from __future__ import annotations
 
 import json
 from pathlib import Path
+import re
 import shutil
 import time
 
@@ -123,7 +124,8 @@ def test_an_event_becomes_a_promotion_that_is_confirmed(loop: Loop) -> None:
     loop.judged(4.0, 1.0)
     assert loop.champion() == '0002'
     (about,) = [about for event, about in loop.told if event == 'promoted']
-    assert about['changed'] == 'motor friction (coulomb 10 N m) appeared'
+    assert re.fullmatch(r'motor friction \(coulomb 10 N m\) appeared since \d\d:\d\d UTC',
+                        str(about['changed']))
     assert about['evidence']['e_value'] > 100.0
     loop.tick(2)
     assert loop.keeper.twin.runs['path'].endswith('models/0002/model.yaml')

@@ -11,15 +11,14 @@ import pytest
 
 pytest.importorskip('rclpy')
 
-from keep_rig import COULOMB, NOISE, PLANT, STEP, VALUES  # noqa: E402,I100
 from rcl_interfaces.srv import GetParameters  # noqa: E402
 from ros_rig import ended, process, Rig, twin  # noqa: E402
 from sensor_msgs.msg import JointState  # noqa: E402
 from std_msgs.msg import Empty, String  # noqa: E402
 
-from hydro_twin.model import Model, Record, Uncertainty, write_model  # noqa: E402
 from hydro_twin.recording.read import read_recording  # noqa: E402
 from hydro_twin.recording.signals import load_signals  # noqa: E402
+from hydro_twin.ros.worn_rig import COULOMB, first_model, NOISE, PLANT, STEP  # noqa: E402
 from hydro_twin.store.store import Store  # noqa: E402
 
 pytestmark = [pytest.mark.slow, pytest.mark.filterwarnings("ignore:module 'sre_")]
@@ -31,14 +30,6 @@ RELIABLE: dict[str, object] = {
     f'qos_overrides.{topic}.subscription.{policy}': value for topic in INPUTS
     for policy, value in (('reliability', 'reliable'), ('depth', 20_000))}
 KEEP = '/hydro_twin_keep'
-
-
-def make_model(path: Path) -> Path:
-    """Write the model of the rig as it was made, without friction."""
-    uncertainty = {p.name: Uncertainty(std_error=0.01 * VALUES[p.name]) for p in PLANT.parameters}
-    write_model(Model(PLANT, PLANT.constant_values() | VALUES, STEP, record=Record(
-        uncertainty, {'after': {'free_run': {'test': NOISE}}})), path)
-    return path
 
 
 def flags(**parameters: object) -> list[str]:
@@ -61,14 +52,14 @@ def parameter(rig: Rig, name: str) -> str:
 
 
 def test_an_effect_appears_and_a_model_that_names_it_runs(rig: Rig, tmp_path: Path) -> None:
-    first, store = make_model(tmp_path / 'first.yaml'), Store(tmp_path / 'store')
+    first, store = first_model(tmp_path / 'first.yaml'), Store(tmp_path / 'store')
     events = rig.listen(f'{KEEP}/event', String)
     models = rig.listen('/hydro_twin/model_event', String)
     residuals = rig.listen('/hydro_twin/residual', JointState)
-    rub = rig.node.create_publisher(Empty, '/rub', 10)
+    rub = rig.node.create_publisher(Empty, '/wear', 10)
     keep = ['hydro_twin.commands.main', 'keep', *flags(
         store=store.path, before=60, after=2, nice=0, trial_least=2, **RELIABLE)]
-    with subprocess.Popen([sys.executable, str(Path(__file__).with_name('keep_rig.py')),
+    with subprocess.Popen([sys.executable, '-m', 'hydro_twin.ros.worn_rig', '--faster',
                            FASTER]) as publisher, ended(publisher), \
             twin(model=first, mode='free_run', **RELIABLE):
         with process(*keep, '-p', 'policy:=auto'):

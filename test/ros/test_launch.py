@@ -4,6 +4,7 @@ from __future__ import annotations
 import argparse
 import atexit
 from collections.abc import Callable
+import importlib.util
 import json
 from pathlib import Path
 import runpy
@@ -14,11 +15,13 @@ from typing import Any
 from xml.etree import ElementTree as ET
 
 import pytest
+import yaml
 
 from hydro_twin.commands.registry import verbs
 from hydro_twin.commands.verb import Verb
 from hydro_twin.keep.settings import SETTINGS as KEEP
 from hydro_twin.live.settings import SETTINGS
+from hydro_twin.model import read_model
 from hydro_twin.plants import PLANTS
 from hydro_twin.share import share_folder
 
@@ -146,6 +149,23 @@ def test_the_demonstration_traces_and_plays_a_bag_that_is_there(
         assert isinstance(command, Verb)
         command.add_arguments(parser)
         parser.parse_args(['bag', *action.words['cmd'][5:]])
+
+
+def test_the_loop_is_launched_with_a_rig_that_wears_and_keep_beside_the_twin(
+        launched: Any, monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    pytest.importorskip('rclpy')
+    monkeypatch.setattr(tempfile, 'tempdir', str(tmp_path))
+    rig, twin = launched('loop')['loop']({'store': ''})
+    module, *words = rig.words['cmd'][2:]
+    assert importlib.util.find_spec(module)
+    assert words == ['--at', '120', '360']
+    given = dict(twin.words['launch_arguments'])
+    assert set(given) <= set(arguments(launched))
+    assert read_model(Path(given['model'])).plant.name == 'load_simulator'
+    assert Path(given['keep']).parent == Path(given['model']).parent
+    (values,) = yaml.safe_load(Path(given['config']).read_text())['/hydro_twin_keep'].values()
+    by_name = {setting.name: setting for setting in KEEP}
+    assert not any(by_name[name].objection(value) for name, value in values.items())
 
 
 @pytest.mark.parametrize('path', sorted((ROOT / 'config').glob('foxglove_*.json')))

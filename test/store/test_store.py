@@ -44,6 +44,20 @@ def test_a_store_reads_whole_after_kills_at_random_moments(tmp_path):
     assert store.roll_back('a test').name == champion.name == promoted.parent
 
 
+def test_what_changed_says_since_when(tmp_path):
+    store = Store(tmp_path / 'store')
+    first = store.promote(store.enter(write(tmp_path / 'a.yaml', [
+        ('backlash', 'coupling', {'gap': (0.9e-3, 1e-5)})]), 'me').name, 'me')
+    path = first.folder / 'decision.json'
+    record = json.loads(path.read_text())
+    record['decisions'][0]['when'] = '2026-05-03T10:00:00.000000+00:00'
+    path.write_text(json.dumps(record))
+    made = store.enter(write(tmp_path / 'b.yaml', [
+        ('backlash', 'coupling', {'gap': (1.6e-3, 1e-5)})]), 'me')
+    assert made.record['changed'] == (
+        'coupling backlash grew from 0.9 to 1.6 mrad since 3 May 2026')
+
+
 def test_descent_aliases_and_decisions(tmp_path):
     store = Store(tmp_path / 'store')
     first = store.promote(store.enter(write(tmp_path / 'a.yaml'), 'me').name, 'me')
