@@ -71,6 +71,7 @@ setup(
             f'frequency-control = {L18}.commands.frequency_control:VERB',
             f'identify = {L18}.commands.identify:VERB',
         ],
+        f'{NAME}.effect_options': [f'curve = {L18}.commands.curve:CURVE'],
         f'{NAME}.methods': [
             *(f'{name.lower()} = {B19}.populations:{name}' for name in ('BEES', 'EA', 'PSO',
                                                                         'RANDOM')),

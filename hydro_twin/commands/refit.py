@@ -15,15 +15,15 @@ from hydro_twin.commands.common import (
     data_from,
     rig_from,
 )
+from hydro_twin.commands.effect_option import EffectOption, GROUP
 from hydro_twin.commands.verb import Verb
 from hydro_twin.errors import UserError
+from hydro_twin.plugins import plugins
 from hydro_twin.progress import progress
 
 if TYPE_CHECKING:
     from rich.console import Console
 
-    from hydro_twin.effects import Placed
-    from hydro_twin.recording.rig import Rig
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -48,9 +48,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument('--fix', action='append', default=[], type=assignment,
                         metavar='NAME=VALUE', help='hold a parameter at a known value, as '
                         'k_1=1.093, and fit the others; may be repeated')
-    parser.add_argument('--curve', type=Path, metavar='CSV',
-                        help='flow characteristic of the valve servo, opening against flow: its '
-                        'end is the end of the travel in the model, saturation at the stem')
+    for option in plugins(GROUP, EffectOption):
+        parser.add_argument(f'--{option.name}', type=Path, metavar=option.metavar,
+                            help=option.help)
     networks = parser.add_argument_group('networks', 'the defaults are those of [B19]')
     networks.add_argument('--hidden', type=widths, metavar='WIDTHS',
                           help='of the hidden layers (default: 77,77; of a hybrid 80; of a GRU, '
@@ -111,26 +111,18 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
         args.predictor, args.method, args.criterion, dict(args.fix), hidden=args.hidden,
         decay=args.decay, epochs=args.epochs, device=args.device, seed=args.seed,
         search=args.output.with_suffix('.search.jsonl') if args.search else None)
-    request.check(curve=bool(args.curve), base=bool(args.model))
+    given = {option: path for option in plugins(GROUP, EffectOption)
+             if (path := getattr(args, option.name))}
+    request.check(effects=bool(given), base=bool(args.model))
     if args.model:
         request = replace(request, base=read_model(args.model))
     rig = rig_from(args, request.base)
     rig.plant.holding(request.held)
-    if args.curve:
-        request = replace(request, effects=_limit(args.curve, rig))
+    request = replace(request, effects=tuple(
+        placed for option, path in given.items() for placed in option.effects(path, rig.plant)))
     fitted = api.refit(data_from(args, rig), request, command=command_line(), show=progress)
     fitted.save(args.output)
     return {'model': str(args.output), **fitted.summary()}
-
-
-def _limit(curve: Path, rig: Rig) -> tuple[Placed, ...]:
-    """Take the end of the valve's travel from its flow characteristic."""
-    from hydro_twin.model import Model
-    from hydro_twin.valve.flow_characteristic import read_characteristic
-    from hydro_twin.valve.limit import with_limit
-
-    bare = Model(rig.plant, rig.constants, rig.plant.sample_time)
-    return with_limit(bare, read_characteristic(curve)).effects
 
 
 def show(result: dict[str, Any], console: Console) -> None:

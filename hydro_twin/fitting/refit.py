@@ -68,18 +68,18 @@ class Request:
         """The kind of predictor."""
         return kind_named(self.predictor)
 
-    def check(self, curve: bool = False, base: bool = False) -> None:
+    def check(self, effects: bool = False, base: bool = False) -> None:
         """Refuse what does not go together.
 
         Args:
-            curve: whether effects are still to come.
+            effects: whether known ones are still to come.
             base: whether a model to stand on is still to come.
 
         Raises:
             UserError: a setting is for another kind of predictor, or none there is.
             ModuleNotFoundError: torch is needed and not installed.
         """
-        kind, effects = self.kind, bool(self.effects) or curve
+        kind, effects = self.kind, bool(self.effects) or effects
         method_named(self.method)
         if self.epochs < 1:
             raise UserError(f'--epochs {self.epochs}: at least one is needed')
@@ -95,15 +95,15 @@ class Request:
             raise UserError(f'{kind.title} has one hidden layer, and --search is for {layered}')
         if not kind.physics and (self.criterion or self.method != 'least_squares' or self.held
                                  or effects):
-            raise UserError('--method, --criterion, --fix and --curve are for physical '
-                            f'parameters; {kind.title} has none')
+            raise UserError('--method, --criterion, --fix and known effects are for '
+                            f'physical parameters; {kind.title} has none')
         if self.base is None and not base:
             return
         if not (kind.physics and kind.weights):
             raise UserError('--model gives the physics that weights stand on: it needs '
                             '--predictor ' + names_of(lambda kind: kind.physics and kind.weights))
         if self.held or effects:
-            raise UserError('--fix and --curve are for a fresh fit; --model has its parameters')
+            raise UserError('--fix and known effects are for a fresh fit; --model has its own')
         if self.base and not kind_named(self.base.kind).physics:
             raise UserError(f'--model is of kind {self.base.kind}, without the physics that '
                             f'{kind.title} stands on')

@@ -16,7 +16,7 @@ from hydro_twin.recording.signals import load_signals
 from hydro_twin.recording.write import write_recording
 from hydro_twin.studies.b19.study import analytical_run, make_part
 from hydro_twin.studies.l18.demonstration import simulated_steps
-from hydro_twin.valve.flow_characteristic import default_characteristic
+from hydro_twin.studies.l18.flow_characteristic import default_characteristic
 
 BAGS = Path(__file__).parents[2] / 'bags'
 TRUTH = {'J': 0.06, 'G': 9.5e3, 'K_p': 0.011, 'B_m': 45.0, 'K_ce': 4e-12}

@@ -21,9 +21,9 @@ from hydro_twin.simulation.sensor import measure
 from hydro_twin.simulation.simulate import simulate
 from hydro_twin.studies.l18.closed_loop import run_loop
 from hydro_twin.studies.l18.event import load_loop_constants, simulated_frequency
+from hydro_twin.studies.l18.flow_characteristic import default_characteristic, FlowCharacteristic
+from hydro_twin.studies.l18.limit import with_limit
 from hydro_twin.studies.l18.servo_model import published
-from hydro_twin.valve.flow_characteristic import default_characteristic, FlowCharacteristic
-from hydro_twin.valve.limit import with_limit
 
 NOISE = 5e-4            # standard deviation, of nominal
 RESOLUTION = 5e-4       # of nominal: 11 bits

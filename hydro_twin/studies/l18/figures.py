@@ -12,9 +12,9 @@ from scipy.stats import probplot
 
 from hydro_twin.recording.series import FloatArray
 from hydro_twin.studies.l18.closed_loop import Run
+from hydro_twin.studies.l18.flow_characteristic import FlowCharacteristic
 from hydro_twin.studies.l18.linear_loop import exact_equivalent, PUBLISHED, Weights
 from hydro_twin.studies.l18.published_method import PublishedFit
-from hydro_twin.valve.flow_characteristic import FlowCharacteristic
 
 SIZE = (6.4, 3.6)               # inches
 POINTS = 85                     # that figure 8 shows

@@ -19,18 +19,18 @@ from hydro_twin.recording.series import FloatArray
 from hydro_twin.recording.signals import load_signals
 from hydro_twin.studies.l18.closed_loop import agreement, Run, run_loop
 from hydro_twin.studies.l18.event import CONSTANTS, LOAD, load_loop_constants, simulated_frequency
+from hydro_twin.studies.l18.flow_characteristic import (
+    default_characteristic,
+    FlowCharacteristic,
+    read_characteristic,
+)
+from hydro_twin.studies.l18.limit import with_limit
 from hydro_twin.studies.l18.power_control import power_asked
 from hydro_twin.studies.l18.servo_model import (
     published,
     read_servo,
     without_nonlinear_factors,
 )
-from hydro_twin.valve.flow_characteristic import (
-    default_characteristic,
-    FlowCharacteristic,
-    read_characteristic,
-)
-from hydro_twin.valve.limit import with_limit
 
 
 @dataclass(frozen=True)

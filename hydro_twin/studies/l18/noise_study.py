@@ -14,9 +14,9 @@ from hydro_twin.simulation.sensor import measure
 from hydro_twin.studies.l18.demonstration import simulated_steps, STEPS
 from hydro_twin.studies.l18.direct import fit_free_run, fit_one_step, NAMES
 from hydro_twin.studies.l18.figures import residual_figures
+from hydro_twin.studies.l18.flow_characteristic import default_characteristic
 from hydro_twin.studies.l18.linear_loop import LoopParameters, PUBLISHED
 from hydro_twin.studies.l18.published_method import fit_published
-from hydro_twin.valve.flow_characteristic import default_characteristic
 
 NOISES = (0.0, 1e-5, 1e-4, 5e-4, 2e-3)      # standard deviations, of full opening
 DRAWS = 5

@@ -29,8 +29,10 @@ from hydro_twin.studies.l18 import figures
 from hydro_twin.studies.l18.closed_loop import agreement, Run
 from hydro_twin.studies.l18.direct import NAMES
 from hydro_twin.studies.l18.event import LOAD, load_loop_constants, simulated_frequency
+from hydro_twin.studies.l18.flow_characteristic import default_characteristic
 from hydro_twin.studies.l18.frequency_control import run_both
 from hydro_twin.studies.l18.identify import identify
+from hydro_twin.studies.l18.limit import with_limit
 from hydro_twin.studies.l18.linear_loop import exact_equivalent, PUBLISHED, Weights
 from hydro_twin.studies.l18.noise_study import noise_tables, RECORDINGS
 from hydro_twin.studies.l18.printed_equation import printed_weights
@@ -41,8 +43,6 @@ from hydro_twin.studies.l18.published_method import (
     PublishedFit,
 )
 from hydro_twin.studies.l18.servo_model import published
-from hydro_twin.valve.flow_characteristic import default_characteristic
-from hydro_twin.valve.limit import with_limit
 
 STEPS = share_folder() / 'bags' / 'valve_steps'
 T = 1e-3                        # s, of the paper's difference equation

@@ -10,11 +10,11 @@ from hydro_twin.errors import DataError
 from hydro_twin.predictors.analytical import Analytical
 from hydro_twin.studies.l18.closed_loop import agreement, run_loop
 from hydro_twin.studies.l18.event import CONSTANTS
+from hydro_twin.studies.l18.flow_characteristic import default_characteristic, FlowCharacteristic
+from hydro_twin.studies.l18.limit import with_limit
 from hydro_twin.studies.l18.linear_loop import PUBLISHED
 from hydro_twin.studies.l18.power_control import power_asked
 from hydro_twin.studies.l18.servo_model import published, without_nonlinear_factors
-from hydro_twin.valve.flow_characteristic import default_characteristic, FlowCharacteristic
-from hydro_twin.valve.limit import with_limit
 
 V = {constant.name: constant.value for constant in CONSTANTS}
 T = 0.002

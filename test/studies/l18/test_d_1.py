@@ -10,8 +10,8 @@ from hydro_twin.plants.valve_servo import VALVE_SERVO
 from hydro_twin.recording.series import Recording
 from hydro_twin.simulation.sensor import measure
 from hydro_twin.studies.l18.demonstration import LIMIT_STEPS, NOISE, simulated_steps
+from hydro_twin.studies.l18.flow_characteristic import default_characteristic
 from hydro_twin.studies.l18.linear_loop import PUBLISHED
-from hydro_twin.valve.flow_characteristic import default_characteristic
 
 
 def test_curve_and_recording_agree() -> None:

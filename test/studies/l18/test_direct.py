@@ -7,9 +7,9 @@ from hydro_twin.recording.series import Recording, Series
 from hydro_twin.simulation.sensor import measure
 from hydro_twin.studies.l18.demonstration import simulated_steps, STEPS
 from hydro_twin.studies.l18.direct import fit_free_run, fit_one_step, NAMES
+from hydro_twin.studies.l18.flow_characteristic import default_characteristic
 from hydro_twin.studies.l18.linear_loop import LoopParameters, PUBLISHED
 from hydro_twin.studies.l18.published_method import fit_published
-from hydro_twin.valve.flow_characteristic import default_characteristic
 
 
 @pytest.fixture(scope='module')

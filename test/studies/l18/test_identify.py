@@ -9,8 +9,8 @@ from hydro_twin.recording.signals import load_signals
 from hydro_twin.recording.write import write_recording
 from hydro_twin.studies.l18.commands.identify import K_1
 from hydro_twin.studies.l18.demonstration import simulated_steps, STEPS
+from hydro_twin.studies.l18.flow_characteristic import default_characteristic
 from hydro_twin.studies.l18.linear_loop import PUBLISHED
-from hydro_twin.valve.flow_characteristic import default_characteristic
 
 
 @pytest.fixture(scope='module')

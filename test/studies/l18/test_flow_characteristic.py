@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 
 from hydro_twin.errors import DataError
-from hydro_twin.valve.flow_characteristic import read_characteristic
+from hydro_twin.studies.l18.flow_characteristic import read_characteristic
 
 GOOD = 'opening,flow\n0,0\n0.2,0.35\n0.5,0.72\n0.8,0.93\n1,1\n1.05,1.01\n'
 
