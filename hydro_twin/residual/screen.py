@@ -95,7 +95,7 @@ def screen(fit: Fit, parts: Sequence[Part]) -> list[Prospect]:
     Returns:
         For every effect and port its best starts, at most two, best effect first.
     """
-    candidate = fit.candidate
+    fit, candidate = fit.main, fit.candidate
     reach = spans(candidate, parts)
     basis = _tuning(fit)
     residual = _untuned(fit.residual, basis)
@@ -174,7 +174,7 @@ def hidden(fit: Fit, parts: Sequence[Part]) -> list[Hidden]:
 
     An effect shows if what it does beyond re-tuning would stand out of the residual as it is.
     """
-    reach = spans(fit.candidate, parts)
+    fit, reach = fit.main, spans(fit.candidate, parts)
     basis = _tuning(fit)
     noise = _untuned(fit.residual, basis)
     visible = VISIBLE * float(noise @ noise) / len(noise)
