@@ -95,7 +95,7 @@ def screen(fit: Fit, parts: Sequence[Part]) -> list[Prospect]:
     Returns:
         For every effect and port its best starts, at most two, best effect first.
     """
-    candidate = fit.candidate
+    fit, candidate = fit.main, fit.candidate
     reach = spans(candidate, parts)
     basis = _tuning(fit)
     residual = _untuned(fit.residual, basis)
@@ -171,7 +171,7 @@ def _promise(prospect: Prospect) -> float:
 
 def hidden(fit: Fit, parts: Sequence[Part]) -> list[Hidden]:
     """List the effects that would not have shown at any strength, and limits beyond reach."""
-    reach = spans(fit.candidate, parts)
+    fit, reach = fit.main, spans(fit.candidate, parts)
     found = []
     for effect, port, shown in visible(fit, parts, reach):
         if not shown or effect.beyond_reach:
