@@ -277,6 +277,9 @@ def test_trace(bags, model, config, tmp_path, capsys, every_ms, given, sample_ti
     assert status == 0, err
     assert report['verdict'] == 'nothing_missing'
     assert report['after']['free_run']['test'] == pytest.approx(NOISE, rel=0.3)
+    # What a finer grid made up between the samples would pass for less noise than there is.
+    assert report['noise_floor'] == pytest.approx(NOISE, rel=0.3)
+    assert report['remainder']['lines_hz'] == []
     after = read_model(out / 'model.yaml')
     assert after.sample_time == sample_time
     for name, value in TRUTH.items():
