@@ -199,7 +199,7 @@ class Problem:
 
     def at(self, coordinates: FloatArray, weights: Sequence[float | None] = ()
            ) -> Evaluation:
-        """Run over all parts, with derivatives; a run that diverged counts as very far off.
+        """Run over all parts, with derivatives; a run that diverged has a large, finite error.
 
         Args:
             coordinates: of the unknowns, (d,).
@@ -209,14 +209,14 @@ class Problem:
         system, n = candidate.system, len(candidate.plant.states)
         by, order = self.directions(candidate, system)
         tangents = tangents_of(system, lambda stage: self.directions(candidate, stage)[0])
-        usual, far = usual_response(candidate), 1e3 * self.size
+        usual, limit = usual_response(candidate), 1e3 * self.size
 
         def run_from(start: Start, part: Part, weight: float | None) -> Eliminated:
             y, slopes = run_with_slopes(system, by, tangents, part.inputs, start.x, start.z,
                                         part.start)
             others = np.empty((len(y), by.count))
             others[:, order] = slopes[:, :by.count]
-            missed = np.clip(np.nan_to_num(part.measured - y, nan=far), -far, far)
+            missed = np.clip(np.nan_to_num(part.measured - y, nan=limit), -limit, limit)
             return without_start(missed, slopes[:, by.count:], usual, candidate.start_up,
                                  others, weight)
 
@@ -346,9 +346,9 @@ def fit_linear(plant: Plant, parts: Sequence[Part], constants: Mapping[str, floa
         for _ in range(24)]
     some = [min(parts, key=lambda part: len(part.measured))] if len(parts) > 6 else parts
 
-    def far(candidate: Model) -> float:
+    def error(candidate: Model) -> float:
         return rms(np.nan_to_num(np.concatenate(residuals(candidate, some)), nan=1e30))
 
-    tried = [draws[0], *sorted(draws[1:], key=far)[:starts - 1]]
+    tried = [draws[0], *sorted(draws[1:], key=error)[:starts - 1]]
     fits = solve_all([Problem(candidate, unknowns, parts) for candidate in tried])
     return min(fits, key=lambda fit: fit.cost)
