@@ -232,7 +232,7 @@ class Problem:
 
     def at(self, coordinates: FloatArray, weights: Sequence[float | None] = (),
            scales: FloatArray | None = None) -> Evaluation:
-        """Run over all parts, with derivatives; a run that diverged counts as very far off.
+        """Run over all parts, with derivatives; a run that diverged has a large, finite error.
 
         Args:
             coordinates: of the unknowns, (d,).
@@ -243,7 +243,7 @@ class Problem:
         system, n = candidate.system, len(candidate.plant.states)
         by, order = self.directions(candidate, system)
         tangents = tangents_of(system, lambda stage: self.directions(candidate, stage)[0])
-        usual, far = usual_response(candidate), 1e3 * self.size
+        usual, limit = usual_response(candidate), 1e3 * self.size
         scales = self.size / self.pieces.sizes if scales is None else scales
 
         def run_from(start: Start, part: Part, stack: Stack, weight: float | None) -> Eliminated:
@@ -252,8 +252,8 @@ class Problem:
             rows = stack.pick(slopes, scales)
             others = np.empty((len(rows), by.count))
             others[:, order] = rows[:, :by.count]
-            missed = np.clip(np.nan_to_num(stack.pick(stack.measured - y, scales), nan=far),
-                             -far, far)
+            missed = np.clip(np.nan_to_num(stack.pick(stack.measured - y, scales), nan=limit),
+                             -limit, limit)
             return without_start(missed, rows[:, by.count:], usual, stack.first, others, weight)
 
         left = []
@@ -397,9 +397,9 @@ def fit_linear(plant: Plant, parts: Sequence[Part], constants: Mapping[str, floa
         for _ in range(24)]
     some = [min(parts, key=lambda part: len(part.measured))] if len(parts) > 6 else parts
 
-    def far(candidate: Model) -> float:
+    def error(candidate: Model) -> float:
         return rms(np.nan_to_num(np.concatenate(residuals(candidate, some)), nan=1e30))
 
-    tried = [draws[0], *sorted(draws[1:], key=far)[:starts - 1]]
+    tried = [draws[0], *sorted(draws[1:], key=error)[:starts - 1]]
     fits = solve_all([Problem(candidate, unknowns, parts) for candidate in tried])
     return min(fits, key=lambda fit: fit.cost)

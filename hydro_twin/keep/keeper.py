@@ -252,7 +252,7 @@ class Keeper:
             self._standing = now
             self.ask(now, 'the model still does not hold')
 
-    # What is told
+    # What is reported
 
     @property
     def mode(self) -> str | None:

@@ -13,8 +13,9 @@ from typing import Any
 import numpy as np
 
 from hydro_twin.compiled import compiled, generated
+from hydro_twin.effects.differentiate import NoTangent, PRELUDE
 from hydro_twin.effects.dispatch import apply, LAWS
-from hydro_twin.effects.tangent import law_differences, law_tangent, NoTangent, PRELUDE, WEIGH
+from hydro_twin.effects.tangent import law_differences, law_tangent, WEIGH
 
 NAME = 'hydro_twin_tangents'
 # A normal distribution on seven points, 0.8 standard deviations apart: enough that the mean slope

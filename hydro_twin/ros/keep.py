@@ -83,9 +83,9 @@ class KeepNode(Node):
     def _announce(self, event: str, **about: Any) -> None:
         """Say that something happened, on ~/event and in the log."""
         self._event.publish(String(data=json.dumps({'event': event, **about})))
-        told = {'failed', 'fault', 'discarded', 'rolled_back', 'worse'}
+        warned = {'failed', 'fault', 'discarded', 'rolled_back', 'worse'}
         said = ', '.join(f'{key} {value}' for key, value in about.items() if key != 'evidence')
-        if event in told:     # rclpy remembers the severity of a line of code
+        if event in warned:     # rclpy remembers the severity of a line of code
             self.get_logger().warning(f'{event}: {said}')
         else:
             self.get_logger().info(f'{event}: {said}')
