@@ -83,6 +83,8 @@ def _replay(bag: Path, model: Path, output: Path | None, config: Path | None,
     with progress('replaying'):
         replayed = api.replay(data, predictors[model])
     result = replayed.summary()
+    if as_fitted.noise is not None:
+        result['states'] = _known(predictors[model], data.recording)
     if output is not None:
         _write(bag, output, data.recording, replayed.predictions, rig)
         result['output'] = str(output)
@@ -96,6 +98,24 @@ def _replay(bag: Path, model: Path, output: Path | None, config: Path | None,
         write_picture(draw(data.recording, plant, runs, errors), picture)
         result['picture'] = str(picture)
     return result
+
+
+def _known(predictor: Any, recording: Recording) -> dict[str, dict[str, float | None]]:
+    """Say how well the observer knows each state, and what it has without a measurement.
+
+    Returns:
+        Median of the standard deviation after each measurement, and that of the free run, SI
+        units; None of what is no state of the plant.
+    """
+    import numpy as np
+
+    observer, noise = predictor.filter, predictor.model.noise
+    output = predictor.plant.output.name
+    estimates = [observer.run(predictor.inputs(series), series[output], True, series.start)[1]
+                 for series in recording.series]
+    found = np.nanmedian(np.concatenate(estimates)[:, 1], axis=0)
+    return {name: {'std': float(std), 'free_run': noise.start.get(name)}
+            for name, std in zip(observer.names, found, strict=False)}
 
 
 def _write(bag: Path, output: Path, recording: Recording,
@@ -153,6 +173,13 @@ def show(result: dict[str, Any], console: Console) -> None:
             table.add_row(name, figures['unit'], str(figures['samples']),
                           f'{figures["free_run"]["rmse"]:.4g}',
                           f'{figures["free_run"]["fit_percent"]:.2f}')
+        console.print(table)
+    if 'states' in result:
+        table = Table('state, SI units', 'standard deviation', 'of the free run', 'ratio')
+        for name, known in result['states'].items():
+            free = known['free_run']
+            table.add_row(name, f'{known["std"]:.3g}', '' if free is None else f'{free:.3g}',
+                          '' if not free else f'{known["std"] / free:.2f}')
         console.print(table)
     if 'output' in result:
         console.print(f'predictions beside the input in {result["output"]}')

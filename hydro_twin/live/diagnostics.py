@@ -136,11 +136,15 @@ class Diagnosis:
                 values['residual'] = f'{monitor.rms:.6g}'
             if monitor.chart is not None:
                 values['delay of alarm [s]'] = f'{monitor.chart.delay:.1f}'
+            if monitor.colour is not None and not math.isnan(monitor.colour.share):
+                values['predictable share of the residual'] = f'{monitor.colour.share:.3f}'
             if monitor.rise is not None:
                 rise = monitor.rise
                 level = Level.WARN
-                message = (f'refit: the residual is {rise.rms / rise.promised:.2f} times what the '
-                           f'model promised; record the inputs as from stamp '
+                what = (f'the residual is {rise.rms / rise.promised:.2f} times what the model '
+                        'promised' if rise.sign == 'level' else
+                        'the innovation is less white than it was')
+                message = (f'refit: {what}; record the inputs as from stamp '
                            f'{rise.begin * 1e-9:.3f} to {rise.end * 1e-9:.3f}')
         if diverged:
             level, message = Level.ERROR, f'diverged {diverged} times and was reset'

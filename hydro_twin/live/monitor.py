@@ -1,4 +1,8 @@
-"""Does the model still hold: watches the residual for a lasting rise above what was promised."""
+"""Does the model still hold: watches the residual for a lasting rise, and for colour.
+
+The innovation of an observer whose model holds is white. So in that mode its autocorrelation is
+watched, too, beside its level.
+"""
 from __future__ import annotations
 
 from collections import deque
@@ -15,6 +19,8 @@ LEARN = 16384           # samples from which the colour of the residual is learn
 FREEDOM = 30.0          # least degrees of freedom of a batch, for its cube root to be normal
 LOW = 8                 # lowest frequencies from which the variance of a batch is taken
 SAFETY = 2.0            # upper 95 % limit of a variance known from `LOW` of them
+LAGS = 10               # at which the innovation's autocorrelation is watched
+COLOUR = 0.1            # share of its mean square that its past predicts, which is to be found
 OVERSHOOT = 1.166       # of a normal random walk over two boundaries [Siegmund 1985]
 
 
@@ -97,6 +103,7 @@ class Rise:
     """A lasting rise of the residual, with the stretch that shows it.
 
     Attributes:
+        sign: 'level' or 'colour': what no longer is as it was.
         begin, end: stamps of the stretch [ns].
         settled: stamp at which the first batch of it ends, in which the rise may have begun [ns].
     """
@@ -106,6 +113,55 @@ class Rise:
     end: int
     rms: float
     promised: float
+    sign: str = 'level'
+
+
+class Colour:
+    """A one-sided CUSUM of the autocorrelation, batch by batch [Ljung and Box 1978].
+
+    The statistic of a white batch is a chi-square variable of `LAGS` degrees of freedom, made
+    nearly normal by its cube root. What the first batches have counts as usual: a model that never
+    was white is found by its level.
+
+    Attributes:
+        share: of the mean square of the last batch that its past predicts.
+    """
+
+    def __init__(self, batch: float) -> None:
+        """Watch batches of so many seconds, for one false alarm in `FALSE_ALARM`."""
+        self.share = math.nan
+        self._usual: list[float] = []
+        self._cusum = 0.0
+        # Half the way to the score of the colour that is to be found, at the least batch.
+        self._reference = 1.0
+        wanted = FALSE_ALARM / batch
+        c = brentq(lambda c: (math.exp(c) - c - 1.0) / (2.0 * self._reference ** 2) - wanted,
+                   1e-9, 50.0)
+        self._threshold = c / (2.0 * self._reference) - OVERSHOOT
+
+    @property
+    def rising(self) -> bool:
+        """Whether the last batches were more coloured than usual."""
+        return self._cusum > 0.0
+
+    def take(self, residuals: np.ndarray, learning: bool) -> bool:
+        """Take in a batch; returns whether the colour is more than usual by now."""
+        n = len(residuals)
+        e = residuals - residuals.mean()
+        square = float(e @ e)
+        if square == 0.0:
+            return False
+        rho = np.array([float(e[k:] @ e[:-k]) for k in range(1, LAGS + 1)]) / square
+        statistic = n * (n + 2.0) * float(np.sum(rho ** 2 / (n - np.arange(1, LAGS + 1))))
+        self.share = max(statistic - LAGS, 0.0) / n
+        if learning:
+            self._usual.append(statistic)
+            return False
+        usual = max(float(np.mean(self._usual or [LAGS])), LAGS)
+        spread = 2.0 / (9.0 * LAGS)
+        score = (math.cbrt(statistic / usual) - (1.0 - spread)) / math.sqrt(spread)
+        self._cusum = max(0.0, self._cusum + score - self._reference)
+        return self._cusum > self._threshold
 
 
 class Monitor:
@@ -116,13 +172,24 @@ class Monitor:
     the model file's promise, so that a model which never held is found too.
     """
 
-    def __init__(self, promised: float, sample_time: float) -> None:
-        """Watch against a promised RMS [unit of the output]; sample_time in s."""
+    def __init__(self, promised: float, sample_time: float, white: bool = False) -> None:
+        """Watch a residual.
+
+        Args:
+            promised: RMS [unit of the output].
+            sample_time: [s].
+            white: whether its colour is watched, too: that of an observer.
+        """
         self.promised = promised
         self.sample_time = sample_time
         self.chart: Chart | None = None
         self.rise: Rise | None = None
         self._base = round(BATCH / sample_time)
+        self.colour = Colour(BATCH) if white and self._base > 3 * LAGS else None
+        self._kept = np.empty(self._base)
+        self._series: deque[tuple[int, int, np.ndarray]] = deque(maxlen=3600)
+        self._judged = 0
+        self._onset_of_colour = 0, 0
         self._seen = np.empty(LEARN)
         self._learned = 0
         self._batches: deque[tuple[int, int, float, int]] = deque(maxlen=3600)
@@ -142,8 +209,12 @@ class Monitor:
         if not self._count:
             self._begin = stamp
         self._sum += residual * residual
+        if self.colour is not None:
+            self._kept[self._count] = residual
         self._count += 1
         if self._count == self._base:
+            if self.colour is not None:
+                self._series.append((self._begin, stamp, self._kept.copy()))
             self._batches.append((self._begin, stamp, self._sum, self._count))
             self._sum, self._count = 0.0, 0
 
@@ -160,6 +231,20 @@ class Monitor:
         found = None
         while self._batches:
             found = self._take(self.chart, *self._batches.popleft()) or found
+        return self._judge_colour() or found
+
+    def _judge_colour(self) -> Rise | None:
+        """Work through the batches whose colour is watched."""
+        found = None
+        while self.colour is not None and self._series:
+            begin, end, residuals = self._series.popleft()
+            self._judged += 1
+            if not self.colour.rising:
+                self._onset_of_colour = begin, end
+            alarm = self.colour.take(residuals, self._judged * self._base <= LEARN)
+            if alarm and self.rise is None:
+                self.rise = found = Rise(*self._onset_of_colour, end, self.rms, self.promised,
+                                         'colour')
         return found
 
     def _take(self, chart: Chart, begin: int, end: int, total: float, count: int) -> Rise | None:

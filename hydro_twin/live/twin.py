@@ -9,7 +9,7 @@ import numpy as np
 
 from hydro_twin.live.monitor import Monitor
 from hydro_twin.plants.plant import FloatArray
-from hydro_twin.predictors.predictor import Predictor
+from hydro_twin.predictors.predictor import OBSERVER, Predictor
 from hydro_twin.predictors.scores import unscored
 
 MAIN = 'main'      # what diagnostics call the twin without a name
@@ -49,7 +49,7 @@ class Twin:
 
     def start_over(self) -> None:
         """Begin a run, and watch the residual anew."""
-        self.monitor = (Monitor(self.promised, self.predictor.sample_time)
+        self.monitor = (Monitor(self.promised, self.predictor.sample_time, self.mode == OBSERVER)
                         if self.promised else None)
         self.reset()
 

@@ -384,7 +384,7 @@ class TwinNode(LifecycleNode):
             if twin.monitor is not None and (rise := twin.monitor.judge()) is not None:
                 self._announcer.event(
                     'refit', model=twin.name, begin=rise.begin, settled=rise.settled,
-                    end=rise.end, rms=rise.rms, promised=rise.promised,
+                    end=rise.end, rms=rise.rms, promised=rise.promised, sign=rise.sign,
                     topics=[feed.topic for feed in diagnosis.live.feeds])
         statuses = diagnosis.inactive() if self._timer is None else diagnosis.statuses(
             now.nanoseconds, elapsed, self._topics.publishers())

@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 from scipy.signal import lfilter
 
-from hydro_twin.live.monitor import BATCH, design, LEARN, Monitor, square_noise
+from hydro_twin.live.monitor import BATCH, Colour, design, LEARN, Monitor, square_noise
 
 DT = 0.002
 RATE = round(BATCH / DT)
@@ -99,3 +99,52 @@ def test_the_hot_path_only_sums() -> None:
         monitor.add(k, 2.0)
     assert [batch[2:] for batch in monitor._batches] == [(4.0 * RATE, RATE)] * 5
     assert monitor.judge() is None
+
+
+def alarm_after(colour: Colour, residual: np.ndarray, learned: int = 33) -> int | None:
+    """Feed batches of a second; returns the first one with an alarm."""
+    batches = residual[:len(residual) // RATE * RATE].reshape(-1, RATE)
+    for k, batch in enumerate(batches):
+        if colour.take(batch, k < learned):
+            return k
+    return None
+
+
+def test_white_noise_is_no_colour_in_twelve_hours() -> None:
+    assert alarm_after(Colour(BATCH), np.random.default_rng(6).normal(size=12 * 3600 * RATE)
+                       ) is None
+
+
+def test_the_colour_of_a_residual_is_found_within_seconds_at_the_same_level() -> None:
+    """An AR(1) innovation of which the past predicts a tenth, after a minute of white noise."""
+    rng = np.random.default_rng(7)
+    delays = []
+    for _ in range(20):
+        white = rng.normal(size=60 * RATE)
+        memory = DT / -np.log(np.sqrt(0.1))
+        residual = np.r_[white, noise(60, memory, rng)]
+        found = alarm_after(Colour(BATCH), residual)
+        assert found is not None
+        delays.append(found - 60)
+    assert 0 <= np.mean(delays) < 5
+
+
+def test_a_residual_that_always_was_coloured_is_watched_for_more() -> None:
+    rng = np.random.default_rng(8)
+    assert alarm_after(Colour(BATCH), noise(3600, 0.002, rng)) is None
+    more = np.r_[noise(60, 0.002, rng), noise(120, 0.02, rng)]
+    assert 60 <= (alarm_after(Colour(BATCH), more) or 0) < 80
+
+
+def test_the_monitor_of_an_observer_says_that_it_is_the_colour() -> None:
+    rng = np.random.default_rng(9)
+    residual = np.r_[rng.normal(size=60 * RATE), noise(30, 0.005, rng)]
+    for white in (True, False):
+        monitor = Monitor(1.0, DT, white)
+        for k, value in enumerate(residual.tolist()):
+            monitor.add(round(k * DT * 1e9), value)
+        found = monitor.judge()
+        assert (found is not None) == white
+        if found is not None:
+            assert found.sign == 'colour'
+            assert 59.0 < found.begin * 1e-9 < found.end * 1e-9 < 75.0
