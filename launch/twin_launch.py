@@ -10,7 +10,7 @@ from hydro_twin.live.settings import SETTINGS
 from hydro_twin.plants import PLANTS
 
 TYPES = {'model': str, 'models': list[str], 'plant': str, 'mode': str, 'horizon': int,
-         'wait': float, 'autostart': bool, 'use_sim_time': bool}   # parameters that are arguments
+         'follow': list[str], 'wait': float, 'autostart': bool, 'use_sim_time': bool}   # parameters that are arguments
 ABOUT = {setting.name: setting.description for setting in SETTINGS}
 POLICY = next(setting for setting in KEEP if setting.name == 'policy')
 MODE = next(setting for setting in SETTINGS if setting.name == 'mode')
@@ -30,6 +30,8 @@ def generate_launch_description():
         DeclareLaunchArgument('mode', default_value=MODE.default, choices=MODE.choices,
                               description=MODE.description),
         DeclareLaunchArgument('horizon', default_value='1', description=ABOUT['horizon']),
+        DeclareLaunchArgument('follow', default_value="['']",
+                              description=f'[NAME=RATE, ...]: {ABOUT["follow"]}'),
         DeclareLaunchArgument('wait', default_value='0.1', description=ABOUT['wait']),
         DeclareLaunchArgument('autostart', default_value='true', choices=['true', 'false'],
                               description=ABOUT['autostart']),

@@ -14,7 +14,8 @@ PAGES = sorted([*ROOT.glob('*.md'), *(path for folder in OWN for kind in ('*.md'
 FILE = re.compile(r'(?<![\w/.*-])(?:[\w*$./-]+\.(?:py|md)'
                   rf'|(?:{"|".join(OWN)})/[\w*$./-]*[\w*/])(?![\w*/])')
 MODULE = re.compile(r'\bhydro_twin(?:\.[a-z]\w*)+\b')
-GROUPS = {'hydro_twin.methods', 'hydro_twin.verbs'}      # entry points, beside those of packages
+# Entry points, beside those of packages.
+GROUPS = {'hydro_twin.effect_options', 'hydro_twin.methods', 'hydro_twin.verbs'}
 LINK = re.compile(r'\]\(([^)#:]+)(?:#[^)]*)?\)')
 EXAMPLES = {   # what docs/adding.md shows how to add
     'hydro_twin/effects/knee.py', 'hydro_twin/plants/accumulator.py', 'config/accumulator.yaml',
