@@ -10,7 +10,8 @@ from hydro_twin.live.settings import SETTINGS
 from hydro_twin.plants import PLANTS
 
 TYPES = {'model': str, 'models': list[str], 'plant': str, 'mode': str, 'horizon': int,
-         'follow': list[str], 'wait': float, 'autostart': bool, 'use_sim_time': bool}   # parameters that are arguments
+         'follow': list[str], 'wait': float, 'autostart': bool,
+         'use_sim_time': bool}   # parameters that are arguments
 ABOUT = {setting.name: setting.description for setting in SETTINGS}
 POLICY = next(setting for setting in KEEP if setting.name == 'policy')
 MODE = next(setting for setting in SETTINGS if setting.name == 'mode')
