@@ -37,7 +37,7 @@ class Slow(NamedTuple):
         at: the same, when the matrices were made.
         far: how far from there they may be used; without end for those of an effect.
         low, high: between which it stays.
-        index: of a parameter of an effect among those of the step; -1: one of the plant.
+        entry: of a parameter of an effect among those of the step; -1: one of the plant.
         p: of a parameter of an effect, its value in the model.
         M, H, compliance: of the step, as they were made.
         M_slopes, H_slopes, compliance_slopes: their derivatives, (Q, how many).
@@ -48,7 +48,7 @@ class Slow(NamedTuple):
     far: FloatArray
     low: FloatArray
     high: FloatArray
-    index: npt.NDArray[np.int64]
+    entry: npt.NDArray[np.int64]
     p: FloatArray
     M: FloatArray
     H: FloatArray
@@ -60,9 +60,9 @@ class Slow(NamedTuple):
 
 def _slow(count: int, M: int, H: int, K: int) -> Slow:
     """Allocate it."""
-    return Slow(*(np.zeros(count) for _ in range(5)), np.full(count, -1), np.zeros(count),
-                np.zeros(M), np.zeros(H), np.zeros(K),
-                *(np.zeros((count, size)) for size in (M, H, K)))
+    now, at, far, low, high, p = np.zeros((6, count))
+    return Slow(now, at, far, low, high, np.full(count, -1), p, np.zeros(M), np.zeros(H),
+                np.zeros(K), np.zeros((count, M)), np.zeros((count, H)), np.zeros((count, K)))
 
 
 NOBODY = _slow(0, 0, 0, 0)
@@ -89,9 +89,9 @@ def follow_by(step, tangent, slow, walking):  # type: ignore[no-untyped-def]
     moved(tangent.compliance, tangent.d_compliance, slow.compliance, slow.compliance_slopes, slow,
           walking)
     for c in range(len(slow.now)):
-        if slow.index[c] >= 0:
-            step.p[slow.index[c]] = slow.p[c] * math.exp(slow.now[c])
-            put(tangent.p, slow.index[c], step.p[slow.index[c]], walking, c)
+        if slow.entry[c] >= 0:
+            step.p[slow.entry[c]] = slow.p[c] * math.exp(slow.now[c])
+            put(tangent.p, slow.entry[c], step.p[slow.entry[c]], walking, c)
 
 
 @dataclass(frozen=True)
@@ -126,7 +126,7 @@ class Followed:
         """Begin a run."""
         step = self.system.step
         slow = _slow(len(self.names), step.M.size, step.H.size, len(step.effects))
-        slow.low[:], slow.high[:], slow.index[:], slow.p[:] = (
+        slow.low[:], slow.high[:], slow.entry[:], slow.p[:] = (
             self.low, self.high, self.index, self.base)
         slow.far[:] = np.where(self.index < 0, FAR, math.inf)
         return slow
@@ -202,8 +202,9 @@ def followed_of(model: Model, system: System, rates: Mapping[str, float]) -> Fol
                     value, model.record.std_error(index, p.name), p.lower, p.upper, begin + k)
     for name in rates:
         if name in own:
-            estimate, p = model.parameters[name], own[name]
-            entries.append((estimate.value, estimate.std_error, p.minimum, p.maximum, -1))
+            estimate, parameter = model.parameters[name], own[name]
+            entries.append((estimate.value, estimate.std_error, parameter.minimum,
+                            parameter.maximum, -1))
         elif name in theirs:
             entries.append(theirs[name])
         else:

@@ -112,7 +112,7 @@ def test_the_observer_publishes_the_states_that_nobody_measures(rig: Rig, bag: P
     states = rig.listen('/hydro_twin/states', JointState)
     ahead = rig.listen('/hydro_twin/ahead', JointState)
     parameters = rig.listen('/hydro_twin/parameters', JointState)
-    predictor = load_predictor(model, follow=['B_m=0.3'])
+    predictor: Any = load_predictor(model, follow=['B_m=0.3'])
     observer = predictor.filter
     recording = read_recording([bag], load_signals('load_simulator', NAMES), ['u_m'], 0.002)
     expected, later, followed = {}, {}, {}
