@@ -43,7 +43,7 @@ class Span:
         low, high: least and largest value that leaves the port.
         signals: largest magnitude of each signal there.
         travel: of each signal there, from its least to its largest.
-        measured: least and largest output measured, but for a hundredth of the samples.
+        measured: least and largest output in all that was recorded, but for a hundredth of it.
     """
 
     low: float

@@ -26,6 +26,8 @@ class Part:
         source: the bag that it comes from.
         start: stamp of the first sample [ns].
         sensors: what else was measured, by name, nan where it is missing, each (N,).
+        travel: between which values the output was in all that was recorded, held-out data too:
+            there is no stop in between. None: in nothing but the parts that are run over.
     """
 
     inputs: FloatArray
@@ -33,6 +35,7 @@ class Part:
     source: str = ''
     start: int = 0
     sensors: Mapping[str, FloatArray] = field(default_factory=dict)
+    travel: tuple[float, float] | None = None
 
     def cut(self, first: int, last: int, sample_time: float) -> Part:
         """Take the samples from the first up to the last, which is not among them."""
@@ -82,6 +85,20 @@ def parts_of(recording: Recording, plant: Plant) -> list[Part]:
     if all(np.ptp(part.measured) == 0.0 for part in parts):
         raise DataError(f'{plant.output.name} never moves in the recording')
     return parts
+
+
+def with_travel(*recorded: Sequence[Part]) -> list[list[Part]]:
+    """Let parts know between which values the output was in all of them."""
+    travel = travel_of([part for parts in recorded for part in parts])
+    return [[replace(part, travel=travel) for part in parts] for parts in recorded]
+
+
+def travel_of(parts: Sequence[Part]) -> tuple[float, float]:
+    """Return between which values the output was measured, but for a hundredth of the samples."""
+    if parts[0].travel is not None:
+        return parts[0].travel
+    low, high = np.quantile(np.concatenate([part.measured for part in parts]), [0.005, 0.995])
+    return float(low), float(high)
 
 
 def least_samples(plant: Plant, sample_time: float) -> int:

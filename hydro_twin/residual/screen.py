@@ -17,7 +17,7 @@ from hydro_twin.effects import Effect, EFFECTS, Placed, sites, Span
 from hydro_twin.fitting.free_run import Fit
 from hydro_twin.fitting.output_error import free_run, initial_states, residuals_from
 from hydro_twin.fitting.parallel import in_processes
-from hydro_twin.fitting.parts import Part
+from hydro_twin.fitting.parts import Part, travel_of
 from hydro_twin.fitting.unknowns import left_alone
 from hydro_twin.model import Model
 from hydro_twin.plants import Plant, Port
@@ -56,18 +56,17 @@ def spans(candidate: Model, parts: Sequence[Part]) -> dict[Port, Span]:
         seen = np.nan_to_num(seen[candidate.start_up:])
         low, high = np.minimum(low, seen.min(axis=0)), np.maximum(high, seen.max(axis=0))
     largest = np.maximum(np.maximum(abs(low), abs(high)), 1e-12)
-    edges = np.quantile(np.concatenate([part.measured for part in parts]), [0.005, 0.995])
+    travel = travel_of(parts)
     found, at = {}, len(plant.ports)
     for port in plant.parameter_ports:
-        found[port] = Span(0.0, 0.0, {}, {}, (float(edges[0]), float(edges[1])),
-                           candidate.sample_time)
+        found[port] = Span(0.0, 0.0, {}, {}, travel, candidate.sample_time)
     for row, port in enumerate(plant.ports):
         here = slice(at, at + len(port.signals))
         found[port] = Span(
             float(low[row]), float(high[row]),
             dict(zip(port.signals, largest[here].tolist(), strict=True)),
             dict(zip(port.signals, (high - low)[here].tolist(), strict=True)),
-            (float(edges[0]), float(edges[1])), candidate.sample_time)
+            travel, candidate.sample_time)
         at = here.stop
     return found
 

@@ -10,7 +10,7 @@ from hydro_twin.blas import one_thread
 from hydro_twin.fitting.free_run import Fit, fit_linear
 from hydro_twin.fitting.horizon import errors_over_horizon
 from hydro_twin.fitting.outputs import sensors_in
-from hydro_twin.fitting.parts import least_samples, Part, parts_of
+from hydro_twin.fitting.parts import least_samples, Part, parts_of, with_travel
 from hydro_twin.fitting.whiteness import is_white
 from hydro_twin.model import Model, Record
 from hydro_twin.plants import Plant
@@ -161,7 +161,7 @@ def _search(train: Recording, test: Recording, plant: Plant,
             constants: Mapping[str, float] | None, model: Model | None, seed: int,
             progress: Callable[[str], None], known: Model | None = None) -> Evidence:
     """Search with one test part; `known` is the model that a search with another one found."""
-    whole, held_out = parts_of(train, plant), parts_of(test, plant)
+    whole, held_out = with_travel(parts_of(train, plant), parts_of(test, plant))
     sample_time = train.series[0].sample_time
     plant = plant.seen_by(sensors_in(whole, plant, plant.start_samples(sample_time)))
     fine = excerpt(whole, plant, sample_time)
