@@ -1,7 +1,7 @@
 """The stretches of a recording that a fit runs over."""
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 import math
 
