@@ -271,7 +271,8 @@ class OutputErrors:
 
     Attributes:
         before, after: by part, 'train' and 'test', where it is measured there.
-        noise: RMS of what the model after leaves of it in the fit.
+        noise: estimated RMS; of the output that of `TraceResult.noise`, of a sensor that of what
+            the fit of the model after leaves of it.
     """
 
     unit: str

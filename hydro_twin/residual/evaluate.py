@@ -154,7 +154,8 @@ def _by_series(found: Evidence, predicted: dict[str, Predictions]) -> tuple[Seri
 
 def _by_output(found: Evidence, models: Mapping[str, Model]) -> dict[str, OutputErrors]:
     """Score the free runs on the output and on each sensor."""
-    plant, left = found.plant, found.final.noise
+    plant = found.plant
+    left = {**found.final.noise, plant.output.name: found.floor}
     errors = {when: {plant.output.name: model.errors['after']['free_run']}
               | (sensor_rms(Analytical(model), found.recordings) if len(left) > 1 else {})
               for when, model in models.items()}
