@@ -170,7 +170,7 @@ def _promise(prospect: Prospect) -> float:
 
 def hidden(fit: Fit, parts: Sequence[Part]) -> list[Hidden]:
     """List the effects that would not have shown at any strength, and limits beyond reach."""
-    fit, reach = fit.main, spans(fit.candidate, parts)
+    reach = spans(fit.candidate, parts)
     found = []
     for effect, port, shown in visible(fit, parts, reach):
         if not shown or effect.beyond_reach:
@@ -193,6 +193,7 @@ def visible(fit: Fit, parts: Sequence[Part], reach: Mapping[Port, Span]
         parts: what was recorded.
         reach: see `spans`.
     """
+    fit = fit.main
     basis = _tuning(fit)
     noise = _untuned(fit.residual, basis)
     least = VISIBLE * float(noise @ noise) / len(noise)
