@@ -50,15 +50,21 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
 
     table_map = load_map(args.map)
     plant = plant_named(table_map.plant)
-    signals = load_signals(plant.name, [signal.name for signal in plant.signals])
-    if table_map.signals.keys() != signals.keys():
-        raise UserError(f'{args.map}: the signals of {plant.name} are {", ".join(signals)}, '
+    needed, sensors = ([signal.name for signal in some]
+                       for some in (plant.signals, plant.sensors))
+    if not set(needed) <= table_map.signals.keys() <= {*needed, *sensors}:
+        more = f', and where measured {", ".join(sensors)}' if sensors else ''
+        raise UserError(f'{args.map}: the signals of {plant.name} are {", ".join(needed)}{more}, '
                         f'not {", ".join(table_map.signals)}')
-    units = units_in_bag(table_map, {s.name: s.unit for s in plant.signals}, str(args.map))
+    signals = {name: where for name, where in load_signals(
+        plant.name, needed, optional=sensors).items() if name in table_map.signals}
+    units = units_in_bag(table_map, {s.name: s.unit for s in (*plant.signals, *plant.sensors)},
+                         str(args.map))
     series: list[StampedSeries] = []
     with progress('reading', len(args.tables)) as advance:
         for table in args.tables:
-            series += read_table(table, table_map, int(series[-1].stamps[-1]) if series else None)
+            series += read_table(table, table_map, int(series[-1].stamps[-1]) if series else None,
+                                 sensors)
             advance()
     _check_readable(series)
     about = {'table': ', '.join(table.name for table in args.tables),
@@ -78,8 +84,8 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
         'periods': {'p5': low, 'median': typical, 'p95': high, 'longest': periods.max()},
         'signals': {name: {
             'unit': unit,
-            'min': min(s[name].min() for s in series),
-            'max': max(s[name].max() for s in series)} for name, unit in units.items()},
+            'min': min(np.nanmin(s[name]) for s in series),
+            'max': max(np.nanmax(s[name]) for s in series)} for name, unit in units.items()},
     }
 
 

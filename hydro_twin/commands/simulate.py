@@ -60,6 +60,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
                         help='noise on the output: signal to noise ratio of each series')
     parser.add_argument('--noise', type=float, default=0.0, metavar='RMS',
                         help='noise on the output, in its unit')
+    parser.add_argument('--sensor', action='append', default=[], metavar='NAME[:noise=RMS]',
+                        help="something else that is measured, as p_L or 'p_L:noise=2e4', with "
+                        'noise in its unit (default: at the --snr); may be repeated')
     parser.add_argument('--quantisation', type=float, default=0.0, metavar='STEP',
                         help='of the output, in its unit')
     add_seed_argument(parser)
@@ -92,6 +95,10 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
         head, _, rest = text.partition(':')
         identifier, _, port = head.partition('@')
         effects.append(place(identifier, port, settings_of(text, rest), plant))
+    sensors = _sensors(args.sensor, plant)
+    if missing := sensors.keys() - rig.sensors.keys():
+        raise UserError(f'{args.config}: no signal {", ".join(sorted(missing))}, which --sensor '
+                        'asks for')
     table = _excitations(args.excitation, plant, sample_time)
     bursts = _bursts(args.burst, plant)
 
@@ -110,20 +117,27 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
                 for column, (signal, spec) in enumerate(zip(plant.inputs, specs, strict=True))}
             for name, burst in bursts:
                 inputs[name] = _sum(inputs[name], burst)
-            one = simulate(plant, values, effects, inputs, args.duration, start, tick, sample_time)
+            one = simulate(plant, values, effects, inputs, args.duration, start, tick, sample_time,
+                           [*sensors])
             if not np.isfinite(one[plant.output.name]).all():
                 raise DataError(f'{plant.name} diverges with these values')
             noisy, noise = measure(one, plant.output.name, args.snr, args.noise,
                                    args.quantisation, rng)
+            noises = {plant.output.name: noise}
+            for name, own in sensors.items():
+                noisy, noises[name] = measure(noisy, name, args.snr if own is None else None,
+                                              own or 0.0, 0.0, rng)
             series.append(noisy)
             truth.append({
                 'excitation': {signal.name: spec.kind
                                for signal, spec in zip(plant.inputs, specs, strict=True)},
                 'largest': {name: float(np.abs(one[name]).max()) for name in one.columns},
-                'noise': noise})
+                'noise': noise,
+                **({'noises': noises} if sensors else {})})
             step = sample_time * 1e9
             start += round(len(one) * step) + max(PAUSE, round(PAUSE_SAMPLES * step))
-    write_recording(args.output, series, rig.signals, {'origin': 'simulated, not measured'})
+    signals = rig.signals | {name: rig.sensors[name] for name in sensors}
+    write_recording(args.output, series, signals, {'origin': 'simulated, not measured'})
     return {
         'bag': str(args.output),
         'plant': plant.name,
@@ -176,6 +190,24 @@ def _bursts(texts: list[str], plant: Plant) -> list[tuple[str, Excitation]]:
     for name, _ in bursts:
         _known(name, plant)
     return bursts
+
+
+def _sensors(texts: list[str], plant: Plant) -> dict[str, float | None]:
+    """Say what else is measured, and with which noise; None: at the ratio of the output."""
+    from hydro_twin.simulation.excitation import settings_of
+
+    found: dict[str, float | None] = {}
+    known = [sensor.name for sensor in plant.sensors]
+    for text in texts:
+        name, _, rest = text.partition(':')
+        if name not in known:
+            raise UserError(f'{plant.name} has no sensor {name!r}; it has '
+                            f'{", ".join(known) or "none"}')
+        settings = settings_of(text, rest)
+        if settings.keys() - {'noise'} or not 0 <= settings.get('noise', 0.0) < float('inf'):
+            raise UserError(f'--sensor {text}: takes noise=RMS, not below zero')
+        found[name] = settings.get('noise')
+    return found
 
 
 def _sum(one: Excitation, other: Excitation) -> Excitation:

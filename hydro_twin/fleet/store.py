@@ -37,7 +37,7 @@ def key_of(bags: Sequence[Source], rig: Rig, seed: int) -> str:
     inputs = {
         'bags': [bag.sha256 for bag in bags], 'plant': rig.plant.name,
         'constants': rig.constants, 'clock': asdict(rig.clock),
-        'signals': {name: asdict(where) for name, where in rig.signals.items()},
+        'signals': {name: asdict(where) for name, where in (rig.signals | rig.sensors).items()},
         'seed': seed, 'format': FORMAT, 'version': version('hydro_twin'), 'laws': _laws(),
     }
     return hashlib.sha256(json.dumps(inputs, sort_keys=True).encode()).hexdigest()[:32]

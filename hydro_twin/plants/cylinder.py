@@ -15,6 +15,7 @@ def equations(p: SimpleNamespace, x: SimpleNamespace, u: SimpleNamespace, port: 
     q = port('spool', x.q)
     speed = port('piston', p.K_v * q, opening=q, position=x.x)
     port('sensor', x.x)
+    port.sensor('v', speed)
     return {'q': spool_rate, 'x': speed}
 
 
@@ -24,6 +25,7 @@ CYLINDER = Plant(
     sample_time=0.002,
     inputs=(Signal('command', 'opening of the valve or speed of the pump', '1', held=True),),
     output=Signal('x', 'position of the piston', 'm'),
+    sensors=(Signal('v', 'speed of the piston', 'm/s'),),
     states=('q', 'x'),
     parameters=(
         Parameter('tau', 'lag of the valve or pump', 's', 1e-3, 1.0, 1e-4, 1e2),

@@ -23,6 +23,7 @@ class Ports:
         self._names, self._signals, self._added = names, signals, added
         self.values: list[Linear] = []      # before an effect at the port itself adds to them
         self.signals: list[Linear] = []
+        self.sensors: dict[str, Linear] = {}
 
     def __call__(self, name: str, value: Linear, **signals: Linear) -> Linear:
         """Pass a value through the next port.
@@ -49,6 +50,23 @@ class Ports:
         passed: Linear = value + self._added[k]
         return passed
 
+    def sensor(self, name: str, value: Linear) -> None:
+        """Say what a sensor beside the output reads."""
+        self.sensors[name] = value
+
+
+class _Point:
+    """The ports at one point, where what effects add are numbers."""
+
+    def __init__(self, added: npt.NDArray[np.float64]) -> None:
+        self._added = iter(added)
+
+    def __call__(self, _: str, value: Any, **__: Any) -> Any:
+        return value + next(self._added)
+
+    def sensor(self, name: str, value: Any) -> None:
+        """Nothing: no rate hangs on a sensor."""
+
 
 # (parameters and constants, states, inputs, ports) -> the rate of each state by its name
 Equations = Callable[[SimpleNamespace, SimpleNamespace, SimpleNamespace, Any],
@@ -57,7 +75,7 @@ Equations = Callable[[SimpleNamespace, SimpleNamespace, SimpleNamespace, Any],
 
 def rows_of(equations: Equations, values: Mapping[str, float], states: Sequence[str],
             inputs: Sequence[str], ports: Sequence[str], signals: Sequence[Sequence[str]],
-            ) -> tuple[Linear, Linear, Linear]:
+            sensors: Sequence[str] = ()) -> tuple[Linear, Linear, Linear, Linear]:
     """Read the coefficients off linear equations, exactly.
 
     Args:
@@ -67,14 +85,15 @@ def rows_of(equations: Equations, values: Mapping[str, float], states: Sequence[
         inputs: names of the m inputs.
         ports: names of the P ports.
         signals: names of the signals at each port, S in all.
+        sensors: names of the K sensors beside the output.
 
     Returns:
         Coefficients of the states' rates, shape (n, n + m + P); of the ports' values, each
         without what effects add at the port itself, (P, n + m + P); of the signals there,
-        (S, n + m + P).
+        (S, n + m + P); of what the sensors read, (K, n + m + P).
 
     Raises:
-        ModelError: the equations do not give these rates, ports and signals.
+        ModelError: the equations do not give these rates, ports, signals and sensors.
     """
     n, m = len(states), len(inputs)
     unit = np.eye(n + m + len(ports))
@@ -86,8 +105,12 @@ def rows_of(equations: Equations, values: Mapping[str, float], states: Sequence[
         raise ModelError(f'the equations give the rates of {", ".join(rates)} and '
                          f'{len(passed.values)} ports; declared are {", ".join(states)} and '
                          f'{len(ports)} ports')
+    if passed.sensors.keys() != set(sensors):
+        raise ModelError(f'the equations give the sensors {", ".join(passed.sensors)}; declared '
+                         f'are {", ".join(sensors)}')
     return (np.array([rates[name] for name in states]), np.array(passed.values),
-            np.array(passed.signals).reshape(-1, len(unit)))
+            np.array(passed.signals).reshape(-1, len(unit)),
+            np.array([passed.sensors[name] for name in sensors]).reshape(-1, len(unit)))
 
 
 def rates_at(equations: Equations, values: Mapping[str, float], states: Mapping[str, float],
@@ -101,6 +124,5 @@ def rates_at(equations: Equations, values: Mapping[str, float], states: Mapping[
         inputs: their values.
         added: by effects, at each port.
     """
-    at = iter(added)
     return equations(SimpleNamespace(**values), SimpleNamespace(**states),
-                     SimpleNamespace(**inputs), lambda _, value, **__: value + next(at))
+                     SimpleNamespace(**inputs), _Point(added))

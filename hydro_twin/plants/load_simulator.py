@@ -22,6 +22,10 @@ def equations(p: SimpleNamespace, x: SimpleNamespace, u: SimpleNamespace, port: 
     twist = x.theta_j - u.theta_d
     T_g = port('coupling', p.G * twist, twist=twist)                            # eq. 14
     port('sensor', T_g)
+    port.sensor('p_L', p_L)
+    port.sensor('x_v', x.x_v)
+    port.sensor('theta_m', x.theta_j)
+    port.sensor('omega_m', x.omega_j)
     net_flow = Q_L - leakage - p.D_m * x.omega_j
     return {
         'x_v': spool_rate,
@@ -40,6 +44,12 @@ LOAD_SIMULATOR = Plant(
         Signal('theta_d', 'angle of the load-bearing shaft', 'rad'),
     ),
     output=Signal('T_g', 'torque on the shaft', 'N m'),
+    sensors=(
+        Signal('p_L', 'load pressure', 'Pa'),
+        Signal('x_v', 'position of the spool', 'm'),
+        Signal('theta_m', 'angle of the motor', 'rad'),
+        Signal('omega_m', 'speed of the motor', 'rad/s'),
+    ),
     states=('x_v', 'p_L', 'omega_j', 'theta_j'),
     parameters=(                                                # box: [B19] Table 1
         Parameter('V_m', 'total chamber volume', 'm^3', 1.6e-4, 1.9e-4, 1e-6, 1e-2),

@@ -95,6 +95,7 @@ class Laws:
         x' = A x + B u + E d
         value of port p = (port_x x + port_u u + port_d d)[p] + d[p],  port_d strictly lower
         signals at the ports, port after port = signal_x x + signal_u u + signal_d d
+        what the sensors read = sensor_x x + sensor_u u + sensor_d d
     The output is the value of the last port.
     """
 
@@ -107,6 +108,9 @@ class Laws:
     signal_x: FloatArray
     signal_u: FloatArray
     signal_d: FloatArray
+    sensor_x: FloatArray
+    sensor_u: FloatArray
+    sensor_d: FloatArray
 
     @property
     def C(self) -> FloatArray:
@@ -127,6 +131,9 @@ class Plant:
         sample_time: [s], of a job where neither a configuration, nor a recording, nor a model says
             otherwise (`recording.clock`).
         inputs: in the order of the columns of B.
+        output: what the plant is known by.
+        sensors: what else can be measured, used where it is there: `port.sensor(NAME, value)` in
+            the equations.
         equations: its linear laws, as a function of parameters `p`, states `x`, inputs `u` and
             `port`, which passes a value through the next port; returns the rate of each state.
         combinations: groups of parameters that act only together, whatever is recorded, as the
@@ -160,10 +167,11 @@ class Plant:
     closed_form: ClosedForm | None = None
     finest: float = 0.0
     output_range: tuple[float, float] | None = None
+    sensors: tuple[Signal, ...] = ()
 
     @property
     def signals(self) -> tuple[Signal, ...]:
-        """All inputs, then the output."""
+        """All inputs, then the output: what must be there."""
         return (*self.inputs, self.output)
 
     @property
@@ -197,7 +205,8 @@ class Plant:
         n, m = self.order, len(self.inputs)
         rows = rows_of(self.equations, values, self.states, [u.name for u in self.inputs],
                        [port.name for port in self.ports],
-                       [tuple(port.signals) for port in self.ports])
+                       [tuple(port.signals) for port in self.ports],
+                       [sensor.name for sensor in self.sensors])
         return Laws(*(block for matrix in rows
                       for block in (matrix[:, :n], matrix[:, n:n + m], matrix[:, n + m:])))
 

@@ -13,6 +13,7 @@ def equations(p: SimpleNamespace, x: SimpleNamespace, u: SimpleNamespace, port: 
     command = port('command', u.force)
     force = port('motor', command - p.F_v * x.v, velocity=x.v, position=x.x)
     port('sensor', x.x)
+    port.sensor('v', x.v)
     return {'v': force / p.M, 'x': x.v}
 
 
@@ -22,6 +23,7 @@ POSITIONING = Plant(
     sample_time=0.001,
     inputs=(Signal('force', 'force of the drive', 'N', held=True),),
     output=Signal('x', 'position', 'm'),
+    sensors=(Signal('v', 'velocity', 'm/s'),),
     states=('v', 'x'),
     parameters=(
         Parameter('M', 'moving mass', 'kg', 1.0, 1e3, 1e-4, 1e6),

@@ -20,6 +20,7 @@ def equations(p: SimpleNamespace, x: SimpleNamespace, u: SimpleNamespace, port: 
     a = port('linkage', x.a)
     stem = port('stem', x.y)
     port('sensor', stem)
+    port.sensor('servomotor', x.a)
     return {
         'c': (p.k_1 * error - x.c) / p.T_y,
         'a': speed,
@@ -33,6 +34,7 @@ VALVE_SERVO = Plant(
     sample_time=0.002,
     inputs=(Signal('command', 'opening asked for', '1', held=True),),
     output=Signal('opening', 'opening of the valve', '1'),
+    sensors=(Signal('servomotor', 'position of the servomotor', '1'),),
     states=('c', 'a', 'y'),
     parameters=(                            # box: T_y and T_c as published in [L18], others wide
         Parameter('T_y', 'time constant of the converter', 's', 1e-2, 3e-2, 1e-4, 1e2),

@@ -7,6 +7,7 @@ from contextlib import contextmanager
 from dataclasses import dataclass, field
 import errno
 from itertools import batched
+import logging
 from pathlib import Path
 import sqlite3
 from typing import Any
@@ -18,6 +19,8 @@ from hydro_twin.recording import mcap
 from hydro_twin.recording.cdr import Batch, CdrError, Extractor, IntArray
 from hydro_twin.recording.series import FloatArray
 from hydro_twin.recording.signals import SignalMap
+
+log = logging.getLogger(__name__)
 
 STORAGES = ('.mcap', '.db3')
 STAMP = ('header.stamp.sec', 'header.stamp.nanosec')
@@ -60,7 +63,8 @@ def read_signals(path: Path, signals: Mapping[str, SignalMap], optional: Collect
     Args:
         path: the bag.
         signals: where each signal is found.
-        optional: signals whose topic may be absent; they are then left out of the result.
+        optional: signals that may be absent; they are then left out of the result. Values of
+            these that are not finite are left out, too: so a sensor may say that it has failed.
 
     Raises:
         BagError: there is no such bag, it is damaged, or it does not hold the signals.
@@ -75,8 +79,11 @@ def read_signals(path: Path, signals: Mapping[str, SignalMap], optional: Collect
             stamped = dict(store.fielddefs[msgtype][1]).get('header', (0, ''))[1] == \
                 'std_msgs/msg/Header'
             paths = {signal.field for signal in signals.values() if signal.topic == topic}
+            needed = {signal.field for name, signal in signals.items()
+                      if signal.topic == topic and name not in optional}
             topics[topic] = _Topic(
-                Extractor(msgtype, store, [*STAMP, *paths] if stamped else [*paths]), stamped,
+                Extractor(msgtype, store, [*STAMP, *paths] if stamped else [*paths],
+                          paths - needed), stamped,
                 sum(connection.msgcount for connection in connections))
         for topic, batch in _batches(reader, held):
             _take(path, topic, topics[topic], batch)
@@ -85,8 +92,9 @@ def read_signals(path: Path, signals: Mapping[str, SignalMap], optional: Collect
         if count != found.promised:
             raise BagError(f'{path}: the bag promises {found.promised} messages on {topic}, '
                            f"but holds {count}: is it damaged? 'ros2 bag reindex' counts anew")
-    return {name: _samples(path, name, signal, topics[signal.topic])
-            for name, signal in signals.items()}
+    taken = {name: _samples(path, name, signal, topics[signal.topic], name in optional)
+             for name, signal in signals.items()}
+    return {name: samples for name, samples in taken.items() if samples is not None}
 
 
 @contextmanager
@@ -154,9 +162,12 @@ def _find_topics(path: Path, reader: Any, signals: Mapping[str, SignalMap],
             raise BagError(f'{path} has no topic {signal.topic} for signal {name}; it holds '
                            f'{_contents(reader)}')
         if types != {signal.type}:
-            raise BagError(f'{path}: {signal.topic} carries {" and ".join(sorted(types))}, but '
-                           f'signal {name} expects {signal.type}: give its type and field in '
-                           '--config')
+            says = (f'{path}: {signal.topic} carries {" and ".join(sorted(types))}, but signal '
+                    f'{name} expects {signal.type}: give its type and field in --config')
+            if name in optional:
+                log.warning('%s, or it is left out', says)
+                continue
+            raise BagError(says)
         if not sum(connection.msgcount for connection in held[signal.topic]):
             if name in optional:
                 continue
@@ -246,8 +257,12 @@ def _take(path: Path, name: str, topic: _Topic, batch: Batch) -> None:
         topic.present[key].append(columns.present[key])
 
 
-def _samples(path: Path, name: str, signal: SignalMap, topic: _Topic) -> Samples:
-    """Put the samples of one signal together, and check their clock and their values."""
+def _samples(path: Path, name: str, signal: SignalMap, topic: _Topic, optional: bool
+             ) -> Samples | None:
+    """Put the samples of one signal together, and check their clock and their values.
+
+    Of an optional one only those with a value are taken; None if there are none.
+    """
     stamped = topic.stamped
     received = stamps = np.concatenate(topic.received)
     if stamped:
@@ -256,12 +271,16 @@ def _samples(path: Path, name: str, signal: SignalMap, topic: _Topic) -> Samples
         stamped = bool(headers.any())
         stamps = headers if stamped else stamps
     present = np.concatenate(topic.present[signal.field])
+    values = signal.of(np.concatenate(topic.values[signal.field]))
+    if optional:
+        present &= np.isfinite(values)
+        if not present.any():
+            return None
     if not present.any():
         raise BagError(f'{path}: no message on {signal.topic} holds {signal.field} for signal '
                        f'{name}; the joints there are '
                        f'{topic.extractor.joints()}')
-    values = signal.of(np.concatenate(topic.values[signal.field])[present])
-    stamps = stamps[present]
+    values, stamps = values[present], stamps[present]
     steps = np.diff(stamps)
     if (steps < 0).any():
         k = int(np.argmax(steps < 0)) + 1

@@ -6,7 +6,7 @@ layout, so that numpy can take a field of thousands of them at once.
 """
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
 from typing import Any, NamedTuple, TYPE_CHECKING
@@ -200,7 +200,7 @@ class Batch(NamedTuple):
 
 
 class Columns(NamedTuple):
-    """Fields of a batch of messages; `present` says where a joint asked for was there."""
+    """Fields of a batch of messages; `present` says where a joint or field was there."""
 
     values: Mapping[str, npt.NDArray[Any]]
     present: Mapping[str, npt.NDArray[np.bool_]]
@@ -209,10 +209,13 @@ class Columns(NamedTuple):
 class Extractor:
     """Takes the same fields out of batch after batch of messages of one type."""
 
-    def __init__(self, msgtype: str, typestore: Typestore, paths: Sequence[str]) -> None:
+    def __init__(self, msgtype: str, typestore: Typestore, paths: Sequence[str],
+                 optional: Collection[str] = ()) -> None:
+        """Take `paths`; those of them that are `optional` need not be in a message."""
         self.msgtype = msgtype
         self.typestore = typestore
         self.paths = paths
+        self.optional = optional
         self.layout: Layout | None = None
 
     def take(self, batch: Batch) -> Columns:
@@ -236,6 +239,8 @@ class Extractor:
                     try:
                         leaf = layout.leaf(path)
                     except CdrError as error:
+                        if path in self.optional:
+                            continue
                         raise CdrError(*error.args, int(which[0])) from None
                     if leaf is not None:
                         size = int(leaf.dtype[2])

@@ -13,6 +13,7 @@ from hydro_twin.recording.series import FloatArray, Series
 MAX_GAP = 5.0   # sample times, or periods of a slower signal, that a pause may last
 MIN_SAMPLES = 10   # shorter stretches hold nothing to learn from
 FEWEST_STEADY = 20   # pauses, to tell that a command is sent at a rate
+FEWEST = 2   # samples of a sensor, to interpolate between
 STEADY_SHARE = 0.9   # of the pauses of a command within half a period: it is sent at a rate
 SLACK = 0.1   # of a sample time: a held signal without stamps may be this late
 ROUNDING = 1e-3   # of a sample time: one with stamps, which may come from rounded numbers
@@ -56,6 +57,40 @@ def to_grid(signals: Mapping[str, Samples], held: Collection[str], sample_time: 
                 columns[name] = interpolate(times[name], samples.values, grid)
         series.append(Series(columns, sample_time, int(start), source))
     return series
+
+
+def beside(series: Series, samples: Samples) -> FloatArray:
+    """Put a sensor on the grid of a series, at its own rate: nan between its samples.
+
+    Each sample counts once, at the grid time nearest to it, to which it is interpolated between
+    its neighbours. A fast sensor is known at every grid time; one that fails, or begins late, at
+    none from there on, and the series is as long as without it.
+
+    Args:
+        series: on a grid.
+        samples: as recorded.
+
+    Returns:
+        Shape (N,).
+    """
+    step = series.sample_time * 1e9
+    times = samples.stamps if samples.stamped else remove_jitter(samples.stamps)
+    values = np.full(len(series), np.nan)
+    if len(times) < FEWEST:
+        return values
+    grid = series.stamps
+    pauses = np.diff(times)
+    nearest = np.rint((times - series.start) / step).astype(np.int64)
+    if _typical(pauses) <= step:
+        nearest = np.arange(len(series))
+    else:
+        nearest = np.unique(nearest[(nearest >= 0) & (nearest < len(series))])
+    here = grid[nearest]
+    after = np.clip(np.searchsorted(times, here), 1, len(times) - 1)
+    near = (pauses[after - 1] <= MAX_GAP * max(_typical(pauses), step)) | (times[after] == here)
+    there = nearest[near & (here >= times[0]) & (here <= times[-1])]
+    values[there] = interpolate(times, samples.values, grid[there])
+    return values
 
 
 def hold(times: IntArray, values: FloatArray, grid: IntArray) -> FloatArray:

@@ -2,7 +2,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 import logging
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -29,6 +29,7 @@ class Rig:
     Attributes:
         constants: all constants of the plant, in SI units.
         signals: where the plant's inputs and its output are found in messages.
+        sensors: where else something is measured that the plant declares; a bag may lack it.
         clock: what is known of the sample time before a recording is read.
         follow: parameters that an observer is to follow, NAME or NAME=RATE.
     """
@@ -38,6 +39,7 @@ class Rig:
     signals: dict[str, SignalMap]
     clock: Clock
     follow: tuple[str, ...] = ()
+    sensors: dict[str, SignalMap] = field(default_factory=dict)
 
 
 def rig_of(plant: Plant, config: Path | None = None, constants: dict[str, float] | None = None,
@@ -53,11 +55,13 @@ def rig_of(plant: Plant, config: Path | None = None, constants: dict[str, float]
     Raises:
         UserError: the configuration or a constant is wrong.
     """
-    signals = load_signals(plant.name, [signal.name for signal in plant.signals], config)
+    needed = [signal.name for signal in plant.signals]
+    found = load_signals(plant.name, needed, config, [sensor.name for sensor in plant.sensors])
+    sensors = {name: found.pop(name) for name in [*found] if name not in needed}
     given = load_parameters(config) if config else {}
     clock = clock_of(plant, given, str(config), model.sample_time if model else None)
     values = plant.constant_values(load_constants(plant.name, config) | (constants or {}))
-    return Rig(plant, values, signals, clock, tuple(given.get('follow') or ()))
+    return Rig(plant, values, found, clock, tuple(given.get('follow') or ()), sensors)
 
 
 def read(bags: Sequence[Path], rig: Rig, show: Progress = silent) -> Recording:
@@ -84,10 +88,11 @@ def read_apart(groups: Sequence[Sequence[Path]], rig: Rig, show: Progress = sile
 
     def take(bag: Path) -> None:
         """Read a bag at the sample time of the slowest so far."""
-        samples = read_signals(bag, rig.signals)
+        samples = read_signals(bag, rig.signals | rig.sensors, rig.sensors)
+        sensors = {name: samples.pop(name) for name in rig.sensors if name in samples}
         periods[bag] = slowest(samples, held)
         at[bag] = rig.clock.over(periods.values())
-        series[bag] = on_grid(bag, samples, held, at[bag])
+        series[bag] = on_grid(bag, samples, held, at[bag], sensors)
 
     with show('reading', None):
         for bag in bags:

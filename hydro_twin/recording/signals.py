@@ -80,27 +80,36 @@ def default_config(plant: str) -> Path:
 
 
 def load_signals(plant: str, names: Sequence[str], config: Path | None = None,
-                 ) -> dict[str, SignalMap]:
+                 optional: Sequence[str] = ()) -> dict[str, SignalMap]:
     """Load the signal map of a plant from a ROS parameter file.
 
     Args:
         plant: name of the plant; what the file leaves out is as in config/PLANT.yaml.
         names: the signals of the plant.
         config: the file, as the node reads it: `/**: ros__parameters: signals: ...`.
+        optional: more signals, each in the map if the file names it.
 
     Raises:
         UserError: the file cannot be read, is for another plant, or a signal in it is unknown or
             wrong.
     """
-    parameters = load_parameters(default_config(plant))
-    if config is not None:
-        parameters |= load_parameters(config)
+    defaults = load_parameters(default_config(plant))
+    given = defaults if config is None else load_parameters(config)
+    names = [*names, *(name for name in optional if is_named(name, given))]
+    parameters = {key: value for key, value in defaults.items()
+                  if not key.startswith('signals.') or key.split('.')[1] in names} | (
+                      {} if config is None else given)
     source = str(config or default_config(plant))
     if parameters.get('plant', '') not in ('', plant):
         raise UserError(f'{source}: for the plant {parameters["plant"]}, not {plant}')
     # A name without a slash is relative to the namespace of the node, which a bag does not have.
     return {name: replace(where, topic=f'/{where.topic.removeprefix("/")}') for name, where in
             signal_maps(parameters, names, source).items()}
+
+
+def is_named(signal: str, parameters: Mapping[str, Any]) -> bool:
+    """Whether flat parameters say anything of a signal."""
+    return any(key.startswith(f'signals.{signal}.') for key in parameters)
 
 
 def signal_maps(parameters: Mapping[str, Any], names: Sequence[str], source: str,

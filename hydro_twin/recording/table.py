@@ -1,7 +1,7 @@
 """Reads tables (CSV, MAT) as series with the stamps of their time column, or of a sample rate."""
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Collection, Iterator, Mapping
 from contextlib import contextmanager
 import csv
 import gzip
@@ -28,7 +28,8 @@ EVEN = 0.01   # of a period: a time column is off the line by rounding only, not
 SUFFIXES = ('.csv', '.csv.gz', '.mat')
 
 
-def read_table(path: Path, table_map: TableMap, after: int | None = None) -> list[StampedSeries]:
+def read_table(path: Path, table_map: TableMap, after: int | None = None,
+               sensors: Collection[str] = ()) -> list[StampedSeries]:
     """Read a table as series, with the times of its rows as stamps.
 
     A new series begins where the `series` column changes, where the time goes back, and after a
@@ -40,6 +41,7 @@ def read_table(path: Path, table_map: TableMap, after: int | None = None) -> lis
         path: the table.
         table_map: how to read it.
         after: the last stamp of what comes before it in the bag [ns]; None if it is the first.
+        sensors: signals that may be nan, where they were not measured.
 
     Raises:
         BagError: the table cannot be read, lacks a column, or holds what is not a number.
@@ -64,7 +66,12 @@ def read_table(path: Path, table_map: TableMap, after: int | None = None) -> lis
         raise BagError(f'{path} has no rows between {begin:g} and {end:g} s; its times are '
                        f'{seconds.min():.9g} to {seconds.max():.9g} s')
     table, rows = {name: column[inside] for name, column in table.items()}, rows[inside]
-    _check_finite(path, table, rows)
+    loose = {name for sensor in sensors if sensor in table_map.signals
+             for name in table_map.signals[sensor].columns}
+    needed = {name for signal, entry in table_map.signals.items() if signal not in sensors
+              for name in entry.columns}
+    _check_finite(path, {name: column for name, column in table.items()
+                         if name not in loose - needed}, rows)
 
     time = _nanoseconds(path, table_map, table, rows)
     new_run = np.diff(time) < 0

@@ -30,6 +30,8 @@ def write_recording(path: Path, series: Sequence[Series | StampedSeries],
                     about: Mapping[str, str] | None = None) -> None:
     """Write series as a bag; signals on one topic travel in one message a sample.
 
+    A sample at which all of them are nan, as of a sensor that has failed, is not written.
+
     Args:
         path: of the bag, a folder (mcap inside), or a single file if it ends in .mcap or .db3.
         series: in the order of time.
@@ -169,9 +171,13 @@ def _messages(writer: Writer, series: Iterable[Series | StampedSeries],
             rows = [_filled(layout, lot, {signal.field: signal.raw(one[name][begin:begin + LOT])
                                           for name, signal in members.items()})
                     for _, layout, members in makers]
+            silent = [np.all([np.isnan(one[name][begin:begin + LOT]) for name in members], axis=0)
+                      for _, _, members in makers]
             for k, stamp in enumerate(lot.tolist()):
-                for (connection, _, _), contents in zip(makers, rows, strict=True):
-                    yield stamp + delay, connection, contents[k]
+                for (connection, _, _), contents, skipped in zip(makers, rows, silent,
+                                                                 strict=True):
+                    if not skipped[k]:
+                        yield stamp + delay, connection, contents[k]
 
 
 def _filled(layout: Layout, stamps: IntArray, columns: Mapping[str, Any]) -> list[bytes]:

@@ -10,7 +10,14 @@ from rclpy.parameter import Parameter
 
 from hydro_twin.live.settings import Setting, SETTINGS
 from hydro_twin.plants import Plant, plant_named
-from hydro_twin.recording.signals import default_config, load_parameters, signal_maps, SignalMap
+from hydro_twin.plants.plant import Signal
+from hydro_twin.recording.signals import (
+    default_config,
+    is_named,
+    load_parameters,
+    signal_maps,
+    SignalMap,
+)
 
 OFFLINE = ('constants.', 'sample_time')   # of the same file, for the offline verbs
 PREFIX = 'signals.'
@@ -53,6 +60,7 @@ class SignalParameters:
         self._overrides = overrides
         self._plant: Plant | None = None
         self._declared: list[str] = []
+        self._signals: list[Signal] = []
 
     def declare(self, name: str) -> None:
         """Declare the signals of a plant instead of those of another.
@@ -68,7 +76,9 @@ class SignalParameters:
         while self._declared:
             node.undeclare_parameter(self._declared.pop())
         defaults = load_parameters(default_config(name))
-        for signal in plant.signals:
+        self._signals = [*plant.signals, *(sensor for sensor in plant.sensors
+                                           if is_named(sensor.name, self._overrides))]
+        for signal in self._signals:
             for attribute in ('topic', 'type', 'field', 'scale', 'offset'):
                 key = f'{PREFIX}{signal.name}.{attribute}'
                 node.declare_parameter(key, defaults[key], ParameterDescriptor(
@@ -89,7 +99,7 @@ class SignalParameters:
         values = {key: given.value for key, given in self._overrides.items()
                   if key.startswith(PREFIX)}
         values |= {key: self._node.get_parameter(key).value for key in self._declared}
-        return signal_maps(values, [signal.name for signal in plant.signals],
+        return signal_maps(values, [signal.name for signal in self._signals],
                            'parameters of the node')
 
     def unknown(self, name: str) -> str:
@@ -99,7 +109,7 @@ class SignalParameters:
         if self._plant is None:
             return f"{name}: of which plant? Set the parameter 'model' or 'plant' first"
         return (f'{name}: the signals of {self._plant.name} are '
-                f'{", ".join(signal.name for signal in self._plant.signals)}, each with topic, '
+                f'{", ".join(signal.name for signal in self._signals)}, each with topic, '
                 'type, field, scale, offset')
 
     def ignored(self) -> list[str]:

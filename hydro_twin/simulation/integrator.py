@@ -55,14 +55,20 @@ def rates(moves, seen, table, p, x, u, z, s, z_next, w, slope):  # type: ignore[
 
 
 @compiled
-def stick(seen, table, p, z, h, gain, s, z_next, w):  # type: ignore[no-untyped-def]
-    """Add to x the forces that depend on where the step ends: those of the implicit effects."""
+def stick(seen, table, p, z, h, gain, s, z_next, w, held):  # type: ignore[no-untyped-def]
+    """Add to x the forces that depend on where the step ends: those of the implicit effects.
+
+    Leaves in `held` what they add to each port.
+    """
+    for i in range(len(held)):
+        held[i] = 0.0
     for e in range(len(table)):
         code, port, first, second, p0, p1, z0, z1, implicit = table[e]
         if implicit:
             s[0], s[1] = dot(seen[1], first, w), dot(seen[1], second, w)
             rise = dot(seen[1], first, gain[port])
             force = apply(code, 0.0, s, p[p0:p1], z[z0:z1], h, rise, z_next[z0:z1])
+            held[port] += force
             for i in range(len(w)):
                 w[i] += force * gain[port, i]
 
@@ -70,11 +76,12 @@ def stick(seen, table, p, z, h, gain, s, z_next, w):  # type: ignore[no-untyped-
 @compiled
 def integrate(  # type: ignore[no-untyped-def]
         moves, seen, table, p, h, gain, x, z, inputs, steps, y, work):
-    """Move x and z in place over all inputs; y gets the output after every `steps` steps.
+    """Move x and z in place over all inputs; y gets what is measured after every `steps` steps.
 
     Args:
         moves: x' for w, shape (n, n + m + P).
-        seen: values of the ports (P, n + m + P) and their signals (S, n + m + P) for w.
+        seen: values of the ports (P, n + m + P), their signals (S, n + m + P) and what the sensors
+            read (K, n + m + P) for w.
         table: for each effect its code, port, two signal rows, the begin and end of its parameters
             in p and of its memory in z, and whether it is implicit; shape (K, 9).
         p: parameters of the effects.
@@ -83,13 +90,14 @@ def integrate(  # type: ignore[no-untyped-def]
         x: states, shape (n,).
         z: memory of the effects.
         inputs: at the begin, the middle and the end of every step, shape (steps len(y), 3, m).
-        steps: steps between two outputs.
-        y: the outputs.
-        work: (6, >= largest of n + m + P and memory) scratch.
+        steps: steps between two samples.
+        y: the output and the sensors at each sample, shape (samples, 1 + K).
+        work: (7, >= largest of n + m + P and memory) scratch.
     """
     n, m = len(x), inputs.shape[2]
     w, z_next, s = work[0, :moves.shape[1]], work[1, :len(z)], work[2, :2]
     slope, total, at = work[3, :n], work[4, :n], work[5, :n]
+    held = work[6, :len(seen[0])]
     for k in range(len(inputs)):
         for i in range(n):
             total[i] = 0.0
@@ -108,10 +116,14 @@ def integrate(  # type: ignore[no-untyped-def]
         for i in range(len(z)):
             z_next[i] = z[i]
         pass_ports(seen, table, p, z, h, s, z_next, w)
-        stick(seen, table, p, z, h, gain, s, z_next, w)
+        stick(seen, table, p, z, h, gain, s, z_next, w, held)
         for i in range(n):
             x[i] = w[i]
         for i in range(len(z)):
             z[i] = z_next[i]
         if (k + 1) % steps == 0:
-            y[k // steps] = pass_ports(seen, table, p, z, 0.0, s, z_next, w)
+            y[k // steps, 0] = pass_ports(seen, table, p, z, 0.0, s, z_next, w)
+            for i in range(len(held)):
+                w[n + m + i] += held[i]
+            for i in range(len(seen[2])):
+                y[k // steps, 1 + i] = dot(seen[2], i, w)

@@ -8,24 +8,24 @@ import numpy as np
 from hydro_twin.recording.series import Series
 
 
-def measure(series: Series, output: str, snr: float | None, noise: float, quantisation: float,
+def measure(series: Series, signal: str, snr: float | None, noise: float, quantisation: float,
             rng: np.random.Generator) -> tuple[Series, float]:
-    """Measure the output with white Gaussian noise, rounded to whole steps.
+    """Measure a signal with white Gaussian noise, rounded to whole steps.
 
     Args:
         series: as it truly was.
-        output: the signal that is measured.
+        signal: what is measured.
         snr: power of the signal about its mean over that of the noise [dB]; None: use `noise`.
-        noise: RMS, in the output's unit.
-        quantisation: step, in the output's unit; 0 for none.
+        noise: RMS, in the signal's unit.
+        quantisation: step, in the signal's unit; 0 for none.
         rng: the source of chance.
 
     Returns:
         The series as measured, and the RMS of the noise.
     """
-    y = series[output]
+    y = series[signal]
     rms = noise if snr is None else float(np.std(y) * 10 ** (-snr / 20))
     measured = y + rms * rng.standard_normal(len(y)) if rms else y
     if quantisation:
         measured = quantisation * np.round(measured / quantisation)
-    return replace(series, columns={**series.columns, output: measured}), rms
+    return replace(series, columns={**series.columns, signal: measured}), rms

@@ -22,8 +22,8 @@ BLOCK = 500                                 # samples integrated at once
 def simulate(plant: Plant, values: Mapping[str, float], effects: Sequence[Placed],
              inputs: Mapping[str, Excitation], duration: float, start: int = 0,
              tick: Callable[[], None] = lambda: None,
-             sample_time: float | None = None) -> Series:
-    """Integrate a plant from rest, and sample its inputs and its output without any error.
+             sample_time: float | None = None, sensors: Sequence[str] = ()) -> Series:
+    """Integrate a plant from rest, and sample inputs and what is measured without any error.
 
     A held input keeps each sample until the next, as the plant gets it from a bus; the others
     move on between samples.
@@ -37,9 +37,11 @@ def simulate(plant: Plant, values: Mapping[str, float], effects: Sequence[Placed
         start: stamp of the first sample [ns].
         tick: called after every `BLOCK` samples.
         sample_time: of the series [s]; by default the plant's own.
+        sensors: what else is measured, of those that the plant declares.
     """
     T = sample_time or plant.sample_time
     laws = plant.laws(values)
+    rows = [[sensor.name for sensor in plant.sensors].index(name) for name in sensors]
     count = round(duration / T)
     fastest = float(np.abs(np.linalg.eigvals(laws.A)).max())
     longest = min(LONGEST_STEP * max(plant.sample_time, USUAL), FASTEST / max(fastest, 1e-9))
@@ -48,12 +50,13 @@ def simulate(plant: Plant, values: Mapping[str, float], effects: Sequence[Placed
     table, p, memory = _tables(plant, effects)
     moves = np.hstack([laws.A, laws.B, laws.E])
     seen = (np.hstack([laws.port_x, laws.port_u, laws.port_d]),
-            np.hstack([laws.signal_x, laws.signal_u, laws.signal_d]))
+            np.hstack([laws.signal_x, laws.signal_u, laws.signal_d]),
+            np.hstack([laws.sensor_x, laws.sensor_u, laws.sensor_d])[rows])
     gain = np.zeros((len(plant.ports), moves.shape[1]))
     gain[:, :plant.order] = _response(laws, h).T
     x, z = np.zeros(plant.order), np.zeros(memory)
-    y = np.empty(count)
-    work = np.zeros((6, max(moves.shape[1], memory)))
+    y = np.empty((count, 1 + len(rows)))
+    work = np.zeros((7, max(moves.shape[1], memory)))
     # A step of no length evaluates the output at the start, where nothing has moved yet.
     at_start = np.array([[[inputs[s.name](np.zeros(1))[0] for s in plant.inputs]] * 3])
     integrate(moves, seen, table, p, 0.0, 0.0 * gain, x, z, at_start, 1, y[:1], work)
@@ -65,7 +68,9 @@ def simulate(plant: Plant, values: Mapping[str, float], effects: Sequence[Placed
         tick()
     time = T * np.arange(count, dtype=np.float64)
     columns = {signal.name: inputs[signal.name](time) for signal in plant.inputs}
-    return Series({**columns, plant.output.name: y}, T, start)
+    columns |= {name: np.ascontiguousarray(column)
+                for name, column in zip((plant.output.name, *sensors), y.T, strict=True)}
+    return Series(columns, T, start)
 
 
 def _fine(plant: Plant, effects: Sequence[Placed], inputs: Mapping[str, Excitation], T: float,

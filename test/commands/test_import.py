@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 from scipy.io import loadmat
 
+from hydro_twin.api import read as ht_read
 from hydro_twin.commands.main import main
 from hydro_twin.plants import plant_named
 from hydro_twin.recording.bag import read_signals
@@ -50,6 +51,21 @@ def test_table_to_bag_and_back(tmp_path, capsys):
 
     assert main(arguments) == 2
     assert 'exists already' in capsys.readouterr().err
+
+
+def test_a_sensor_may_be_in_the_table_and_missing_in_some_rows(tmp_path, capsys):
+    (tmp_path / 'table.csv').write_text('t,u,x,v\n' + ''.join(
+        f'{0.002 * k:.3f},{k % 7},{k * k},{k if k < 20 else "nan"}\n' for k in range(50)))
+    (tmp_path / 'map.yaml').write_text(
+        'plant: cylinder\ntime: t\nsignals: {command: u, x: x, v: {column: v, unit: mm/s}}\n')
+    assert main(['import', str(tmp_path / 'table.csv'), '-o', str(tmp_path / 'bag'), '--map',
+                 str(tmp_path / 'map.yaml'), '--json']) == 0
+    result = json.loads(capsys.readouterr().out)
+    assert result['signals']['v'] == pytest.approx({'unit': 'm/s', 'min': 0.0, 'max': 0.019})
+    (series,) = ht_read(tmp_path / 'bag', 'cylinder').recording.series
+    assert len(series) == 50
+    np.testing.assert_allclose(series['v'][:20], 1e-3 * np.arange(20))
+    assert np.isnan(series['v'][20:]).all()
 
 
 @pytest.mark.parametrize(('text', 'says'), [

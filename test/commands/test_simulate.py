@@ -3,6 +3,7 @@ import json
 import numpy as np
 import pytest
 
+from hydro_twin.api import read
 from hydro_twin.commands.main import main
 from hydro_twin.plants import PLANTS
 from hydro_twin.recording import read as read_module
@@ -145,3 +146,45 @@ def test_a_valve_stays_between_shut_and_open_by_default(tmp_path, capsys):
         for one in columns(tmp_path / name, name):
             for signal in ('command', 'opening'):
                 assert 0.0 <= one[signal].min() < one[signal].max() <= 1.0
+
+
+def test_sensors_are_in_the_bag_with_noise_of_their_own(tmp_path, capsys):
+    bag = tmp_path / 'bag'
+    status, truth, _ = simulate(capsys, bag, '--snr', '40', '--sensor', 'p_L', '--sensor',
+                                'omega_m:noise=0.01')
+    assert status == 0
+    data = read(bag, 'load_simulator')
+    for one, told in zip(data.recording.series, truth['series'], strict=True):
+        assert one.columns.keys() == {'u_m', 'theta_d', 'T_g', 'p_L', 'omega_m'}
+        assert told['noises'].keys() == {'T_g', 'p_L', 'omega_m'}
+        assert told['noises']['omega_m'] == 0.01
+        assert told['noises']['p_L'] == pytest.approx(np.std(one['p_L']) / 100, rel=0.02)
+        # The mean torque on the inertia is small: D_m p_L = T_g + B_m omega, on average.
+        driven = 2e-5 * one['p_L'] - truth['parameters']['B_m']['value'] * one['omega_m']
+        assert np.corrcoef(driven, one['T_g'])[0, 1] > 0.95
+    plain = tmp_path / 'plain'
+    simulate(capsys, plain, '--snr', '40')
+    for one, other in zip(columns(bag), columns(plain), strict=True):
+        assert one['u_m'].tolist() == other['u_m'].tolist()
+
+
+def test_a_configuration_decides_which_sensors_there_are(tmp_path, capsys, caplog):
+    bag, config = tmp_path / 'bag', tmp_path / 'rig.yaml'
+    simulate(capsys, bag, '--sensor', 'p_L', '--sensor', 'x_v', '--sensor', 'theta_m')
+    config.write_text('/**: {ros__parameters: {signals: {x_v: {scale: 1000.0}, '
+                      'theta_m: {scale: 1e-300, offset: 1.0}}}}')
+    series = read(bag, 'load_simulator', config=config).recording.series
+    assert all(one.columns.keys() == {'u_m', 'theta_d', 'T_g', 'x_v'} for one in series)
+    assert 'theta_m stands at 1 all the time' in caplog.text
+    usual = read(bag, 'load_simulator').recording.series
+    np.testing.assert_allclose(series[0]['x_v'], 1000.0 * usual[0]['x_v'])
+
+
+@pytest.mark.parametrize(('sensor', 'says'), [
+    ('p_X', "no sensor 'p_X'; it has p_L, x_v"), ('p_L:snr=3', 'takes noise=RMS'),
+    ('p_L:noise=-1', 'not below zero')])
+def test_a_wrong_sensor_is_refused(tmp_path, capsys, sensor, says):
+    status, _, err = simulate(capsys, tmp_path / 'bag', '--sensor', sensor)
+    assert status == 2
+    assert says in err
+    assert not (tmp_path / 'bag').exists()

@@ -85,6 +85,28 @@ def test_matrices_are_the_laws_with_what_effects_add(by_hand):
             laws.signal_x @ x + laws.signal_u @ u + laws.signal_d @ d, signals, rtol=1e-9)
 
 
+@pytest.mark.parametrize(('name', 'reads'), [
+    ('load_simulator', lambda v, x, d: [x[1] + d[3], x[0], x[3], x[2]]),
+    ('valve_servo', lambda v, x, d: [x[1]]),
+    ('cylinder', lambda v, x, d: [v['K_v'] * (x[0] + d[2]) + d[3]]),
+    ('positioning', lambda v, x, d: [x[0]]),
+    ('control_valve', lambda v, x, d: []),
+])
+def test_sensors_read_what_they_are_named_for(name, reads):
+    plant, v = PLANTS[name], TYPICAL[name]
+    laws = plant.laws(v)
+    rng = np.random.default_rng(1)
+    x, u, d = (rng.standard_normal(k) for k in (plant.order, len(plant.inputs), len(plant.ports)))
+    np.testing.assert_allclose(laws.sensor_x @ x + laws.sensor_u @ u + laws.sensor_d @ d,
+                               reads(v, x, d), rtol=1e-12)
+
+
+def test_equations_that_do_not_give_the_declared_sensors_are_refused():
+    plant = PLANTS['positioning']
+    with pytest.raises(ModelError, match=r'sensors v; declared are $'):
+        replace(plant, sensors=()).laws(TYPICAL['positioning'])
+
+
 @pytest.mark.parametrize('plant', PLANTS.values(), ids=PLANTS)
 def test_ports_depend_only_on_those_before(plant):
     laws = plant.laws(TYPICAL[plant.name])

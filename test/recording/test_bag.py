@@ -160,6 +160,21 @@ def test_repeated_stamps_count_once_and_optional_topics_may_be_absent(tmp_path):
     assert found['x'].values.tolist() == [0.0, 2.0, 4.0]
 
 
+def test_an_optional_signal_may_lack_its_field_or_say_that_it_failed(tmp_path, caplog):
+    messages = [('/states', k, joint_state(10**9 + k, ['a'], [float(k) if k < 4 else np.nan]))
+                for k in range(6)]
+    found = read_signals(
+        write_bag(tmp_path / 'bag', messages),
+        {'x': SignalMap('/states', JOINT_STATE, 'position[0]'),
+         'v': SignalMap('/states', JOINT_STATE, 'velocity[0]'),
+         'f': SignalMap('/states', FLOAT64, 'data')}, optional=['x', 'v', 'f'])
+    assert found.keys() == {'x'}
+    assert found['x'].values.tolist() == [0.0, 1.0, 2.0, 3.0]
+    assert 'expects std_msgs/msg/Float64' in caplog.text
+    with pytest.raises(BagError, match='not finite'):
+        read_signals(tmp_path / 'bag', {'x': SignalMap('/states', JOINT_STATE, 'position[0]')})
+
+
 def test_reading_needs_neither_rclpy_nor_torch(tmp_path):
     write_bag(tmp_path / 'bag', [('/f', k, float64(1.0)) for k in range(3)])
     program = (

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from hydro_twin.recording.bag import Samples
-from hydro_twin.recording.grid import hold, interpolate, MAX_GAP, MIN_SAMPLES, to_grid
+from hydro_twin.recording.grid import beside, hold, interpolate, MAX_GAP, MIN_SAMPLES, to_grid
 
 DT = 0.002
 STEP = 2_000_000
@@ -124,3 +124,39 @@ def test_signals_of_different_rates_share_the_grid():
     assert len(series) == 196 + 5 * MAX_GAP   # the last command is held as long as a gap may be
     assert series['u'].tolist() == [min(k // 5, 39) for k in range(len(series))]
     assert series['y'].tolist() == [2 * k for k in range(len(series))]
+
+
+def grid_of(n):
+    return to_grid({'u': samples(STEP * np.arange(n)), 'y': samples(STEP * np.arange(n))}, ['u'],
+                   DT)[0]
+
+
+def test_a_slow_sensor_counts_once_a_sample_and_is_not_made_up_between():
+    stamps = 10 * STEP * np.arange(10) + 3 * STEP // 10
+    found = beside(grid_of(101), samples(stamps, 2e-9 * stamps))
+    there = np.flatnonzero(np.isfinite(found))
+    assert there.tolist() == list(range(10, 100, 10))       # at 0 it was not known yet
+    np.testing.assert_allclose(found[there], 2.0 * DT * there, rtol=1e-12)
+
+
+def test_a_fast_sensor_is_known_everywhere():
+    stamps = STEP // 4 * np.arange(401)
+    found = beside(grid_of(101), samples(stamps, 1e-9 * stamps))
+    np.testing.assert_allclose(found, DT * np.arange(101), atol=1e-15)
+
+
+@pytest.mark.parametrize('rate', [STEP // 2, STEP, 4 * STEP])
+def test_a_sensor_that_fails_and_comes_back_is_missing_meanwhile_and_splits_nothing(rate):
+    stamps = np.arange(0, 400 * STEP, rate)
+    stamps = stamps[(stamps < 100 * STEP) | (stamps > 300 * STEP)]
+    series = grid_of(400)
+    found = beside(series, samples(stamps))
+    assert len(found) == len(series) == 400
+    assert np.isnan(found[101:300]).all()
+    per = max(rate // STEP, 1)
+    assert np.isfinite(found[:100:per]).all()
+    assert np.isfinite(found[300 + per:396:per]).all()
+
+
+def test_one_sample_of_a_sensor_says_nothing():
+    assert np.isnan(beside(grid_of(20), samples([5 * STEP]))).all()

@@ -52,8 +52,8 @@ def test_a_bag_is_read_again_only_where_a_slower_one_came_after_it(
              joint_state(int(t), position=[np.sin(1e-9 * (t % 10**12) + phase)]))
             for t in stamps for name, phase in (('command', 0.0), ('x', 1.0))]))
     read_signals, seen = rigs.read_signals, []      # type: ignore[attr-defined]
-    monkeypatch.setattr(rigs, 'read_signals', lambda bag, signals: (
-        seen.append(bags.index(bag)), read_signals(bag, signals))[1])
+    monkeypatch.setattr(rigs, 'read_signals', lambda bag, *signals: (
+        seen.append(bags.index(bag)), read_signals(bag, *signals))[1])
     found = rigs.read_apart([bags[:2], bags[2:]], cylinder)
     assert seen == readings
     for group, recording in zip((bags[:2], bags[2:]), found, strict=True):
