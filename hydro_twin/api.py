@@ -2,7 +2,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, TYPE_CHECKING
 
@@ -15,7 +15,15 @@ from hydro_twin.model import load_predictor, Model, read_model
 from hydro_twin.plants import Plant, plant_named
 from hydro_twin.plants.plant import FloatArray
 from hydro_twin.predictors import kind_named, modes_of, Predictor
-from hydro_twin.predictors.scores import fit_percent, persistence, pooled, predict, rms
+from hydro_twin.predictors.analytical import Analytical
+from hydro_twin.predictors.scores import (
+    fit_percent,
+    persistence,
+    pooled,
+    predict,
+    rms,
+    sensor_errors,
+)
 from hydro_twin.progress import Progress, silent
 from hydro_twin.provenance import provenance
 from hydro_twin.recording.rig import read_apart, Rig, rig_of
@@ -75,15 +83,21 @@ class Replay:
             each series an array of its length, in the output's unit; nan where there is no
             prediction, or it has diverged.
         horizon: RMS error over a horizon, of an analytical model whose plant integrates.
+        sensors: of each sensor that was recorded, of an analytical model, (measured - free run,
+            measured) where it is there, in its unit.
     """
 
     plant: Plant
     recording: Recording
     predictions: Mapping[str, Sequence[FloatArray]]
     horizon: float | None = None
+    sensors: Mapping[str, tuple[FloatArray, FloatArray]] = field(default_factory=dict)
 
     def summary(self) -> dict[str, Any]:
-        """Return samples and errors, in the output's unit, as `replay --json` prints them."""
+        """Return samples and errors, as `replay --json` prints them.
+
+        In the output's unit, under `outputs` of each sensor in its own.
+        """
         result: dict[str, Any] = {
             'samples': sum(map(len, self.recording.series)),
             'series': len(self.recording.series),
@@ -95,7 +109,15 @@ class Replay:
             result[mode] = {'rmse': rms(error), 'fit_percent': fit_percent(error, measured)}
         if self.horizon is not None:
             result['horizon'] = {'rmse': self.horizon}
-        return {**result, 'persistence': {'rmse': persistence(self.recording, self.plant)}}
+        units = {sensor.name: sensor.unit for sensor in self.plant.sensors}
+        outputs = {self.plant.output.name: {
+            'unit': self.plant.output.unit, 'samples': result['samples'],
+            'free_run': result['free_run']}} | {name: {
+                'unit': units[name], 'samples': len(error),
+                'free_run': {'rmse': rms(error), 'fit_percent': fit_percent(error, measured)}}
+                for name, (error, measured) in self.sensors.items()}
+        return {**result, 'outputs': outputs,
+                'persistence': {'rmse': persistence(self.recording, self.plant)}}
 
     def figure(self, name: str = 'model') -> Figure:
         """Draw how the recording begins, measured and by free run, and the errors."""
@@ -270,7 +292,9 @@ def replay(data: Data, model: Model | Predictor) -> Replay:
     horizon = horizon_errors(predictor.model, {'all': data.recording}).get('horizon', {})
     return Replay(data.plant, data.recording, {
         mode: predict(predictor, data.recording.series, mode)
-        for mode in modes_of(predictor.model)}, horizon.get('all'))
+        for mode in modes_of(predictor.model)}, horizon.get('all'),
+        sensor_errors(predictor.sensors, data.plant, data.recording)
+        if isinstance(predictor, Analytical) else {})
 
 
 def _paths(given: Paths) -> list[Path]:

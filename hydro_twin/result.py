@@ -266,6 +266,21 @@ class SeriesErrors:
 
 
 @dataclass(frozen=True)
+class OutputErrors:
+    """The errors of the free run on the output or a sensor, in its unit.
+
+    Attributes:
+        before, after: by part, 'train' and 'test', where it is measured there.
+        noise: RMS of what the model after leaves of it in the fit.
+    """
+
+    unit: str
+    before: Mapping[str, float]
+    after: Mapping[str, float]
+    noise: float
+
+
+@dataclass(frozen=True)
 class Run:
     """A series with the free runs of the models before and after, as their errors are reported.
 
@@ -324,6 +339,7 @@ class TraceResult:
         improvement: of what is judged on the test part, from before to after: the free run, or,
             where there is a horizon, the free runs over that.
         hidden: effects that the recording could not have shown.
+        outputs: the errors of the output and of each sensor that was fitted, by name.
         series: the errors by series, those left out where a run diverges.
         runs: of all series, those of the test part first.
         persistence: RMS error of repeating the last sample, on the test part.
@@ -348,6 +364,7 @@ class TraceResult:
     improvement: Improvement
     hidden: tuple[Hidden, ...]
     remainder: Remainder
+    outputs: Mapping[str, OutputErrors]
     series: tuple[SeriesErrors, ...]
     runs: tuple[Run, ...]
     persistence: float

@@ -230,6 +230,15 @@ class SeriesEntry(Struct, kw_only=True):
     after: Errors
 
 
+class OutputEntry(Struct, kw_only=True):
+    """The errors of the free run on the output or a sensor by part, in its unit."""
+
+    unit: str
+    before: dict[str, float | None]
+    after: dict[str, float | None]
+    noise: float
+
+
 class Hidden(Struct, kw_only=True):
     """An effect that the recording cannot show."""
 
@@ -254,6 +263,7 @@ class ReportFile(Struct, kw_only=True):
     after: Errors
     improvement: dict[Literal['relative', 'low', 'high'], float]
     cannot_show: tuple[Hidden, ...]
+    outputs: dict[str, OutputEntry]
     series: tuple[SeriesEntry, ...]
     parameters: dict[Literal['before', 'after'], dict[str, ReportValue]]
     persistence: dict[str, float]

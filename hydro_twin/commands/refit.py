@@ -161,6 +161,12 @@ def show(result: dict[str, Any], console: Console) -> None:
                         ('persistence', 'one step, last sample')):
         table.add_row(says, *(f'{result[bound][part]:.4g}' for part in ('train', 'test')))
     console.print(table)
+    if len(result['outputs']) > 1:
+        table = Table('free run', 'train', 'test', 'noise')
+        for name, figures in result['outputs'].items():
+            table.add_row(name, *(f'{figures[part]:.4g}' if part in figures else '–'
+                                  for part in ('train', 'test', 'noise')))
+        console.print(table)
     console.print(f'model written to {result["model"]}, sample time {result["sample_time"]:g} s')
 
 

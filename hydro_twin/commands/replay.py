@@ -146,6 +146,14 @@ def show(result: dict[str, Any], console: Console) -> None:
                       '' if fit is None else f'{fit:.2f}')
     table.add_row('persistence', f'{result["persistence"]["rmse"]:.4g}', '')
     console.print(table)
+    sensors = list(result['outputs'].items())[1:]
+    if sensors:
+        table = Table('sensor, free run', 'unit', 'samples', 'RMS error', 'fit, %')
+        for name, figures in sensors:
+            table.add_row(name, figures['unit'], str(figures['samples']),
+                          f'{figures["free_run"]["rmse"]:.4g}',
+                          f'{figures["free_run"]["fit_percent"]:.2f}')
+        console.print(table)
     if 'output' in result:
         console.print(f'predictions beside the input in {result["output"]}')
     if 'picture' in result:

@@ -2,7 +2,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import partial
 from itertools import repeat
 import math
@@ -13,6 +13,7 @@ from scipy.optimize import least_squares
 from hydro_twin.effects import Placed
 from hydro_twin.fitting.identifiability import assess, Identifiability
 from hydro_twin.fitting.output_error import initial_states, residuals, usual_response
+from hydro_twin.fitting.outputs import Pieces, sensors_in, Stack
 from hydro_twin.fitting.parallel import in_processes
 from hydro_twin.fitting.parts import Part
 from hydro_twin.fitting.start import Eliminated, Start, without_start
@@ -29,13 +30,15 @@ from hydro_twin.model import Model
 from hydro_twin.plants import Plant
 from hydro_twin.plants.plant import FloatArray
 from hydro_twin.predictors.scores import rms
-from hydro_twin.predictors.sensitivities import Directions, run_with_slopes, tangents_of
+from hydro_twin.predictors.sensitivities import Directions, run_all_with_slopes, tangents_of
 from hydro_twin.predictors.system import System
 
 WALL = 3e-3             # weight of the search box, see `Problem`
 MIDDLE = 1e-4           # weight of its middle
 INSIDE = 1e-9           # distance to a bound, relative
 REWEIGHTED = 2          # further searches with new weights; they settle after one, or hardly
+REBALANCED = 8          # and of sensors with new scales
+SAME_SCALE = 0.02       # change of the logarithm of a scale that hardly moves the fit
 SAME_WEIGHT = 2.0       # ratio of two weights that give nearly the same start
 SMALL = 0.1             # of the residual: a start that takes off less hardly turns the slopes
 SUBSTEPS = 2            # steps in a sample of a search, which the last fits refine
@@ -48,11 +51,15 @@ class Fit:
     """A candidate fitted to parts.
 
     Attributes:
-        residual: of all parts, one after another, scored samples only.
+        residual: of all parts, one after another, scored samples only. Where there are sensors,
+            theirs follow in each part, all scaled to weigh by their noise, see `outputs`.
         jacobian: its derivative by the coordinates of the unknowns, with the sign of a rise of
             the output, shape (N, d).
-        lengths: scored samples of each part.
+        lengths: scored samples of each piece of it, those of the output or of a sensor in a part.
         pulled: what leaving the usual values costs, as a sum of squares.
+        outputs: which output each piece is of: 0, or one more than the index of the sensor.
+        sensors: names of those that were fitted.
+        scales: by which the residual of output and sensors was multiplied, (1 + K,).
     """
 
     candidate: Model
@@ -61,6 +68,29 @@ class Fit:
     jacobian: FloatArray
     lengths: tuple[int, ...]
     pulled: float
+    outputs: tuple[int, ...] = ()
+    sensors: tuple[str, ...] = ()
+    scales: FloatArray = field(default_factory=lambda: np.ones(1))
+
+    @property
+    def main(self) -> Fit:
+        """The same with the pieces of the output alone, in its unit."""
+        if not self.sensors:
+            return self
+        own = np.array(self.outputs) == 0
+        rows, scale = np.repeat(own, self.lengths), self.scales[0]
+        return replace(
+            self, residual=self.residual[rows] / scale, jacobian=self.jacobian[rows] / scale,
+            lengths=tuple(np.array(self.lengths)[own].tolist()), pulled=self.pulled / scale**2,
+            outputs=(), sensors=(), scales=np.ones(1))
+
+    @property
+    def noise(self) -> dict[str, float]:
+        """RMS of what is left of output and sensors, each in its unit."""
+        every = np.repeat(self.outputs or (0,) * len(self.lengths), self.lengths)
+        names = (self.candidate.plant.output.name, *self.sensors)
+        return {name: rms(self.residual[every == q]) / float(self.scales[q])
+                for q, name in enumerate(names)}
 
     @property
     def cost(self) -> float:
@@ -70,8 +100,8 @@ class Fit:
 
     @property
     def error(self) -> float:
-        """RMS of the residual, in the unit of the output."""
-        return rms(self.residual)
+        """RMS of the residual of the output, in its unit."""
+        return rms(self.main.residual)
 
     def at_bound(self) -> list[str]:
         """Name the unknowns that stopped at an edge of their range."""
@@ -99,9 +129,10 @@ class Evaluation:
 
     Attributes:
         coordinates: of the unknowns, (d,).
-        residual: of all parts, scored samples only, (N,).
+        residual: of all parts, scored samples only, as in a `Fit`, (N,).
         slopes: rise of the output by each coordinate, (N, d).
         weights: of the first samples of each part.
+        scales: of output and sensors, (1 + K,).
         pulled: what leaving the usual values costs, to be squared, (2 d,).
         reason: of stopping.
     """
@@ -110,6 +141,7 @@ class Evaluation:
     residual: FloatArray
     slopes: FloatArray
     weights: tuple[float, ...]
+    scales: FloatArray
     pulled: FloatArray
     reason: str = ''
 
@@ -130,9 +162,10 @@ class Problem:
         self.base = base
         self.unknowns = tuple(unknowns)
         self.parts = parts
-        self.size = max(rms(np.concatenate([p.measured - p.measured.mean() for p in parts])),
-                        1e-300)
-        self.lengths = tuple(len(part.measured) - base.start_up for part in parts)
+        self.sensors = sensors_in(parts, base.plant, base.start_up)
+        self.stacks = [Stack.of(part, self.sensors, base.start_up) for part in parts]
+        self.pieces = Pieces.of(self.stacks)
+        self.size, self.lengths = float(self.pieces.sizes[0]), self.pieces.lengths
         box = usual(base.plant)
         edges = [box[u.name] if u.owner == '' else (-math.inf, math.inf) for u in self.unknowns]
         self.low, self.high = np.array(edges).T
@@ -197,44 +230,48 @@ class Problem:
         by = Directions([d for _, d in plant], [d for _, d in laws], [d for _, d in shifts])
         return by, order
 
-    def at(self, coordinates: FloatArray, weights: Sequence[float | None] = ()
-           ) -> Evaluation:
+    def at(self, coordinates: FloatArray, weights: Sequence[float | None] = (),
+           scales: FloatArray | None = None) -> Evaluation:
         """Run over all parts, with derivatives; a run that diverged counts as very far off.
 
         Args:
             coordinates: of the unknowns, (d,).
             weights: of the first samples of each part, if they are to be kept.
+            scales: of output and sensors; None: by how much each moves.
         """
         candidate = self.candidate(coordinates)
         system, n = candidate.system, len(candidate.plant.states)
         by, order = self.directions(candidate, system)
         tangents = tangents_of(system, lambda stage: self.directions(candidate, stage)[0])
         usual, far = usual_response(candidate), 1e3 * self.size
+        scales = self.size / self.pieces.sizes if scales is None else scales
 
-        def run_from(start: Start, part: Part, weight: float | None) -> Eliminated:
-            y, slopes = run_with_slopes(system, by, tangents, part.inputs, start.x, start.z,
-                                        part.start)
-            others = np.empty((len(y), by.count))
-            others[:, order] = slopes[:, :by.count]
-            missed = np.clip(np.nan_to_num(part.measured - y, nan=far), -far, far)
-            return without_start(missed, slopes[:, by.count:], usual, candidate.start_up,
-                                 others, weight)
+        def run_from(start: Start, part: Part, stack: Stack, weight: float | None) -> Eliminated:
+            y, slopes = run_all_with_slopes(system, by, tangents, part.inputs, start.x, start.z,
+                                            part.start, self.sensors)
+            rows = stack.pick(slopes, scales)
+            others = np.empty((len(rows), by.count))
+            others[:, order] = rows[:, :by.count]
+            missed = np.clip(np.nan_to_num(stack.pick(stack.measured - y, scales), nan=far),
+                             -far, far)
+            return without_start(missed, rows[:, by.count:], usual, stack.first, others, weight)
 
         left = []
-        for part, start, weight in zip(self.parts, initial_states(candidate, self.parts),
-                                       weights or repeat(None), strict=False):
-            run = run_from(start, part, weight)
+        for part, stack, start, weight in zip(
+                self.parts, self.stacks, initial_states(candidate, self.parts),
+                weights or repeat(None), strict=False):
+            run = run_from(start, part, stack, weight)
             if run.taken > SMALL * rms(run.residual):
                 # The derivatives belong to a run from where elimination moves the start.
                 nearer = Start(start.x + run.change[:n], start.z + run.change[n:])
-                moved = run_from(nearer, part, run.weight)
+                moved = run_from(nearer, part, stack, run.weight)
                 if np.isfinite(moved.slopes).all():
                     run = run._replace(slopes=moved.slopes)
             left.append(run)
         return Evaluation(
             coordinates, np.concatenate([run.residual for run in left]),
             np.concatenate([run.slopes for run in left]), tuple(run.weight for run in left),
-            self.pull(coordinates))
+            scales, self.pull(coordinates))
 
     def bounds(self) -> tuple[FloatArray, FloatArray]:
         """Lower and upper bounds of the coordinates."""
@@ -252,9 +289,9 @@ class Problem:
     def search(self, evaluations: int, tolerance: float) -> Evaluation:
         """Search by a trust region, as scipy does [Branch, Coleman and Li 1999].
 
-        The weight of a part's first samples, see `without_start`, is kept during a search: its
-        own derivative is not in the slopes. Where it differs at the end, the search goes on with
-        the new one.
+        The weight of a part's first samples, see `without_start`, and the scales of output and
+        sensors are kept during a search: their own derivatives are not in the slopes. Where they
+        differ at the end, the search goes on with the new ones.
 
         Args:
             evaluations: most runs over the parts.
@@ -266,26 +303,30 @@ class Problem:
         # nothing, as where a command acts a whole sample early.
         hair = INSIDE * np.maximum(1.0, np.abs(begin))
         begin = np.clip(begin, lower + hair, upper - hair)
-        found = self.weighted_search(self.at(begin), evaluations, tolerance)
-        for _ in range(REWEIGHTED):
+        here = self.at(begin)
+        if self.sensors:
+            here = self.at(begin, scales=self.balanced(here))
+        found = self.weighted_search(here, evaluations, tolerance)
+        for _ in range(REBALANCED if self.sensors else REWEIGHTED):
             if found.reason != CONVERGED:
                 break
-            now = self.at(found.coordinates)
+            now = self.at(found.coordinates, scales=self.balanced(found))
             if all(max(a, b) < SAME_WEIGHT * min(a, b)
-                   for a, b in zip(found.weights, now.weights, strict=True)):
+                   for a, b in zip(found.weights, now.weights, strict=True)
+                   ) and np.abs(np.log(now.scales / found.scales)).max() < SAME_SCALE:
                 break
             found = self.weighted_search(now, evaluations, tolerance)
         return found
 
     def weighted_search(self, here: Evaluation, evaluations: int, tolerance: float) -> Evaluation:
-        """Search with the weights of first samples that there are, see `search`."""
-        weights, (lower, upper) = here.weights, self.bounds()
+        """Search with the weights and scales that there are, see `search`."""
+        weights, scales, (lower, upper) = here.weights, here.scales, self.bounds()
 
         def last(coordinates: FloatArray) -> Evaluation:
             """Run, unless the derivatives are asked where the residual was."""
             nonlocal here
             if not np.array_equal(coordinates, here.coordinates):
-                here = self.at(coordinates, weights)
+                here = self.at(coordinates, weights, scales)
             return here
 
         def residual(coordinates: FloatArray) -> FloatArray:
@@ -300,9 +341,19 @@ class Problem:
         return replace(last(found.x), reason=CONVERGED if found.status > 0 else 'evaluations')
 
     def fit(self, found: Evaluation) -> Fit:
-        """Take what a search has found."""
-        return Fit(self.candidate(found.coordinates), self.unknowns, found.residual, found.slopes,
-                   self.lengths, float(found.pulled @ found.pulled))
+        """Take what a search has found, with the scales that its residual asks for."""
+        fit = Fit(self.candidate(found.coordinates), self.unknowns, found.residual, found.slopes,
+                  self.lengths, float(found.pulled @ found.pulled))
+        if not self.sensors:
+            return fit
+        scales = self.balanced(found)
+        rows = np.repeat((scales / found.scales)[list(self.pieces.outputs)], self.lengths)
+        return replace(fit, residual=rows * fit.residual, jacobian=rows[:, None] * fit.jacobian,
+                       outputs=self.pieces.outputs, sensors=self.sensors, scales=scales)
+
+    def balanced(self, found: Evaluation) -> FloatArray:
+        """Return the scales of output and sensors that a residual asks for, (1 + K,)."""
+        return self.pieces.balanced(found.residual, found.scales)
 
 
 def solve_all(problems: Sequence[Problem], evaluations: int = 40, tolerance: float = 1e-6

@@ -1,7 +1,8 @@
 """The stretches of a recording that a fit runs over."""
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
 import math
 
 import numpy as np
@@ -24,17 +25,21 @@ class Part:
     Attributes:
         source: the bag that it comes from.
         start: stamp of the first sample [ns].
+        sensors: what else was measured, by name, nan where it is missing, each (N,).
     """
 
     inputs: FloatArray
     measured: FloatArray
     source: str = ''
     start: int = 0
+    sensors: Mapping[str, FloatArray] = field(default_factory=dict)
 
     def cut(self, first: int, last: int, sample_time: float) -> Part:
         """Take the samples from the first up to the last, which is not among them."""
-        return replace(self, inputs=self.inputs[first:last], measured=self.measured[first:last],
-                       start=self.start + first * round(1e9 * sample_time))
+        return replace(
+            self, inputs=self.inputs[first:last], measured=self.measured[first:last],
+            start=self.start + first * round(1e9 * sample_time),
+            sensors={name: column[first:last] for name, column in self.sensors.items()})
 
     def beginning(self, start_up: int) -> int:
         """How many samples show the state at the start: more where it hardly moves at first.
@@ -61,7 +66,9 @@ def parts_of(recording: Recording, plant: Plant) -> list[Part]:
     """
     parts = [
         Part(np.column_stack([series[signal.name] for signal in plant.inputs]),
-             np.ascontiguousarray(series[plant.output.name]), series.source, series.start)
+             np.ascontiguousarray(series[plant.output.name]), series.source, series.start,
+             {sensor.name: series[sensor.name] for sensor in plant.sensors
+              if sensor.name in series.columns})
         for series in recording.series if len(series) >= least_samples(plant, series.sample_time)]
     if not parts:
         longest = max(recording.series, key=len, default=None)

@@ -2,7 +2,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -13,6 +13,7 @@ from hydro_twin.fitting.free_run import fit_linear
 from hydro_twin.fitting.horizon import moving_windows
 from hydro_twin.fitting.identifiability import assess, Identifiability
 from hydro_twin.fitting.one_step import at_bound, Coefficients, least_squares, sensitivities
+from hydro_twin.fitting.outputs import sensors_in
 from hydro_twin.fitting.parts import parts_of
 from hydro_twin.fitting.regression import Regression, regression
 from hydro_twin.fitting.search import SearchResult
@@ -64,12 +65,14 @@ class Physics:
     Attributes:
         known: what the data determine; None where the method cannot tell.
         notes: what must be said beside the values.
+        noise: RMS of what is left of output and sensors, each in its unit, where that was fitted.
     """
 
     values: Mapping[str, float]
     uncertainty: Mapping[str, Uncertainty]
     known: Identifiability | None
     notes: tuple[str, ...] = ()
+    noise: Mapping[str, float] = field(default_factory=dict)
 
 
 @dataclass(frozen=True)
@@ -121,12 +124,14 @@ def fit_free_run(task: Task) -> Physics:
     """Fit the output error by least squares."""
     free, sample_time = task.plant.holding(task.held), task.train.sample_time
     parts, left_out = parts_of(task.train, free), 0.0
+    free = free.seen_by(sensors_in(parts, free, free.start_samples(sample_time)))
     if free.integrates:
         parts, left_out = moving_windows(parts, free, sample_time)
     fit = fit_linear(free, parts, {**task.constants, **task.held}, sample_time, 'box',
                      timing=False, seed=task.seed, effects=task.effects)
     values = {p.name: fit.candidate.values[p.name] for p in free.parameters}
-    found = _physics(task, free, values, fit.identifiability(), biased=False)
+    found = replace(_physics(task, free, values, fit.identifiability(), biased=False),
+                    noise=fit.noise)
     if left_out:
         found = replace(found, notes=(*found.notes, STANDING.format(left_out)))
     return found

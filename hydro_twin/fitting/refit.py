@@ -15,6 +15,7 @@ from hydro_twin.fitting.identifiability import Identifiability
 from hydro_twin.fitting.network import check_device, Job, make_problem, Problem, train_batch
 from hydro_twin.fitting.network_search import DECAYS, search, STRUCTURES
 from hydro_twin.fitting.noise import estimate_noise
+from hydro_twin.fitting.outputs import sensor_rms
 from hydro_twin.fitting.physics import fit_physics, method_named, Physics, Task
 from hydro_twin.fitting.regression import regression
 from hydro_twin.model import Model, Record, write_model
@@ -119,6 +120,8 @@ class Refit:
         weights: content of its .safetensors file; None without one.
         known: what the data determine; None where the method cannot tell.
         settings: of its network; None without one.
+        outputs: of each sensor that was fitted, and of the output with them, the RMS error of the
+            free run by part, and the noise estimated with the fit, in its unit.
         bounds: 'persistence' and 'unconstrained' -> part -> RMS error between which any one-step
             fit must lie, in the output's unit.
     """
@@ -129,6 +132,7 @@ class Refit:
     known: Identifiability | None
     settings: Settings | None
     bounds: Errors
+    outputs: Mapping[str, Mapping[str, float]] = field(default_factory=dict)
 
     def save(self, path: Path | str) -> None:
         """Write the model file, and its weights beside it, each whole or not at all.
@@ -161,6 +165,7 @@ class Refit:
             'at_bound': [name for name, e in model.parameters.items() if e.at_bound],
             'notes': list(model.record.notes),
             'combinations': dict(self.known.combinations) if self.known else {},
+            'outputs': {name: dict(figures) for name, figures in self.outputs.items()},
             **{part: {mode: parts[part] for mode, parts in errors.items()}
                for part in ('train', 'test')},
             **self.bounds,
@@ -189,6 +194,7 @@ def refit(train: Recording, test: Recording, plant: Plant, constants: Mapping[st
     request.check()
     plant.holding(request.held)
     kind, known = request.kind, None
+    left: Mapping[str, float] = {}
     bounds = bounds_of(train, test, plant)
     model = Model(plant, constants, train.sample_time, request.effects, kind=kind.name,
                   record=Record(provenance=provenance))
@@ -198,7 +204,7 @@ def refit(train: Recording, test: Recording, plant: Plant, constants: Mapping[st
     elif kind.physics:
         with show('fitting the physics', None):
             found, criterion = _physics(train, model, request)
-        known = found.known
+        known, left = found.known, found.noise
         model = replace(
             model, values={**constants, **found.values}, record=Record(
                 found.uncertainty, notes=found.notes, provenance={
@@ -215,8 +221,13 @@ def refit(train: Recording, test: Recording, plant: Plant, constants: Mapping[st
     predictor = fitted.predictor if fitted else make_predictor(model, Path())
     parts = {'train': train, 'test': test}
     errors = errors_of(predictor, parts) | horizon_errors(model, parts)
+    outputs: dict[str, dict[str, float]] = {}
+    if isinstance(predictor, Analytical):
+        by_output = {plant.output.name: errors['free_run']} | sensor_rms(predictor, parts)
+        outputs = {name: {**by_output.get(name, {}), 'noise': noise}
+                   for name, noise in left.items()}
     return Refit(model.with_record(errors={'after': errors}), predictor,
-                 fitted.weights if fitted else None, known, settings, bounds)
+                 fitted.weights if fitted else None, known, settings, bounds, outputs)
 
 
 def names_of(has: Callable[[Kind], bool], last: str = 'or') -> str:

@@ -1,7 +1,7 @@
 """What a plant is: linear laws joined at named ports, with parameters, units and bounds."""
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any
 
@@ -14,6 +14,7 @@ from hydro_twin.plants.equations import Equations, rates_at, rows_of
 FloatArray = npt.NDArray[np.float64]
 
 PARAMETER = 'parameter'     # kind of port that a parameter is
+ROUNDING = 1e-6         # of the largest response of a sensor: two that differ by less are the same
 INTEGRATES = 1e-9       # of the largest pole: a smaller one is zero but for rounding
 
 # Parameters in their order, (P, d), real or complex; constants by name; sample time [s]
@@ -286,6 +287,36 @@ class Plant:
             constants=(*self.constants, *(
                 Constant(p.name, p.meaning, p.unit, known[p.name])
                 for p in self.parameters if p.name in known)))
+
+    def seen_by(self, sensors: Iterable[str]) -> Plant:
+        """Return the plant with only those combinations that these sensors do not part.
+
+        Args:
+            sensors: names of what is measured beside the output.
+        """
+        rows = [[sensor.name for sensor in self.sensors].index(name) for name in sensors]
+        kept = tuple(c for c in self.combinations if not self._parted(c, rows))
+        return self if kept == self.combinations else replace(self, combinations=kept)
+
+    def _parted(self, combination: Mapping[str, int], rows: Sequence[int]) -> bool:
+        """Whether sensors tell the members of a combination: one follows where they move."""
+        values = self.constant_values() | self.middle()
+        (first, power), *others = combination.items()
+        laws = self.laws(values)
+        poles = np.abs(np.linalg.eigvals(laws.A))
+        frequencies = np.maximum(poles, 1e-3 * poles.max())
+
+        def response(laws: Laws) -> npt.NDArray[np.complex128]:
+            return np.array([laws.sensor_x[rows] @ np.linalg.solve(
+                1j * w * np.eye(self.order) - laws.A, laws.B) + laws.sensor_u[rows]
+                for w in frequencies])
+
+        before = response(laws)
+        largest = np.abs(before).max(axis=(0, 2), keepdims=True, initial=0.0)
+        return any((np.abs(response(self.laws(values | {
+            first: values[first] * 2.0 ** (1.0 / power),
+            name: values[name] * 2.0 ** (-1.0 / other)})) - before) > ROUNDING * largest).any()
+            for name, other in others)
 
     def check(self, parameters: Mapping[str, float]) -> None:
         """Refuse a set of parameters that is not this plant's or not physical.

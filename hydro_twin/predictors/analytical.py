@@ -72,6 +72,16 @@ class Analytical:
         x = self.system.at(series.start).start(inputs[0], _first(measured[0]))
         return self.system.run(inputs, x, start=series.start)
 
+    def sensors(self, series: Series) -> dict[str, FloatArray]:
+        """Run freely; returns what the sensors of the plant would read, by name, each (N,)."""
+        inputs = self.inputs(series)
+        x = self.system.at(series.start).start(
+            inputs[0], _first(series[self.plant.output.name][0]))
+        seen = np.full((len(inputs), len(self.system.step.H)), np.nan)
+        self.system.run(inputs, x, seen=seen, start=series.start)
+        return {sensor.name: seen[:, self.system.step.sensors + k]
+                for k, sensor in enumerate(self.plant.sensors)}
+
     def observer(self, series: Series) -> FloatArray:
         """Predict each sample by the observer, from measured outputs up to the one before; (N,).
 

@@ -28,11 +28,12 @@ LIMIT = 1e12                                # an output beyond this has diverged
 
 
 class Step(NamedTuple):
-    """What a step needs, for n states, m inputs, P ports with S signals, K effects.
+    """What a step needs, for n states, m inputs, P ports with S signals, R sensors, K effects.
 
     Attributes:
         M: (n, n + 2m + 2P): x, inputs at begin and end, what effects add at both -> next x.
-        H: (P + S, n + m + P): x, inputs, what effects add -> values of the ports, then signals.
+        H: (P + S + R, n + m + P): x, inputs, what effects add -> values of the ports, then
+            signals, then what the sensors read.
         effects: (K,) of `ENTRY`.
         active: the ports with effects that are not implicit, (Q,).
         p: parameters of the effects, one after another.
@@ -40,6 +41,7 @@ class Step(NamedTuple):
         held: which inputs keep their value until the next sample, (m,).
         substeps: steps in a sample.
         sample_time: [s].
+        sensors: the row of H of the first sensor.
     """
 
     M: npt.NDArray[np.float64]
@@ -51,6 +53,7 @@ class Step(NamedTuple):
     held: npt.NDArray[np.bool_]
     substeps: int
     sample_time: float
+    sensors: int
 
 
 @compiled
@@ -215,6 +218,17 @@ def output(step, x, z, work, inputs, k):  # type: ignore[no-untyped-def]
 
 
 @compiled
+def read_sensor(step, row, x, z, u, d):  # type: ignore[no-untyped-def]
+    """Return what the sensor in a row of H reads, with what implicit effects added last."""
+    n, m, kept = len(x), len(u), len(z) - len(step.effects)
+    value = observe(step.H, row, x, u, d, step.active)
+    for e in range(len(step.effects)):
+        if step.effects[e].implicit:
+            value += step.H[row, n + m + step.effects[e].port] * z[kept + e]
+    return value
+
+
+@compiled
 def live_step(x, z, work, inputs, k, *step):  # type: ignore[no-untyped-def]
     """`advance` with the fields of a `Step` one by one, which a caller in Python passes faster."""
     return advance(Step(*step), x, z, work, inputs, k)
@@ -225,8 +239,8 @@ def run(step, x, z, work, inputs, y, seen, first, last):  # type: ignore[no-unty
     """Fill y with the output at samples first <= k < last of the inputs (N, m).
 
     From state x and memory z, those of the sample before the first, which are moved. Where `seen`
-    (N, P + S) is not empty it gets the values of ports and signals. A run that diverges is left at
-    nan from there on.
+    (N, P + S or more) is not empty it gets the values of ports, signals and as many sensors as it
+    has columns for. A run that diverges is left at nan from there on.
     """
     for k in range(first, last):
         if k == 0:
@@ -239,10 +253,12 @@ def run(step, x, z, work, inputs, y, seen, first, last):  # type: ignore[no-unty
         if len(seen) > 0:
             m = len(step.shift)
             u, d = work[1, :m], work[5, :step.H.shape[1] - len(x) - m]
-            for row in range(len(step.H)):
+            for row in range(step.sensors):
                 seen[k, row] = observe(step.H, row, x, u, d, step.active)
                 if row < len(d):
                     seen[k, row] += d[row]
+            for row in range(step.sensors, seen.shape[1]):
+                seen[k, row] = read_sensor(step, row, x, z, u, d)
 
 
 @compiled

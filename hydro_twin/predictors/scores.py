@@ -12,7 +12,7 @@ motion has no start of its own, and the errors of the parts are those of the run
 """
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 import math
 from typing import TYPE_CHECKING
 
@@ -101,6 +101,35 @@ def errors_in(predictor: Predictor, parts: Mapping[str, Recording], mode: str
     left = iter(errors_by_series(predictor, every, mode))
     return {name: rms(np.concatenate([next(left) for _ in part.series]))
             for name, part in parts.items()}
+
+
+def sensor_errors(run: Callable[[Series], Mapping[str, FloatArray]], plant: Plant,
+                  recording: Recording) -> dict[str, tuple[FloatArray, FloatArray]]:
+    """Compare what sensors read with a free run, where they are there, without the start-up.
+
+    Args:
+        run: a series -> what each sensor would read.
+        plant: the plant.
+        recording: series, or parts of some.
+
+    Returns:
+        Of each sensor that is in the recording (measured - predicted, measured), each (N,).
+    """
+    runs: dict[int, Mapping[str, FloatArray]] = {}
+    found: dict[str, list[FloatArray]] = {}
+    for part in recording.series:
+        whole = part.whole or part
+        for name in [s.name for s in plant.sensors if s.name in part.columns]:
+            if id(whole) not in runs:
+                runs[id(whole)] = run(whole)
+            first = first_scored(part, plant, 'free_run')
+            measured = part[name][first:]
+            predicted = runs[id(whole)][name][part.offset + first:part.offset + len(part)]
+            there = np.isfinite(measured)
+            found.setdefault(name, []).append(
+                np.stack([measured - predicted, measured])[:, there])
+    joined = {name: np.concatenate(pieces, axis=1) for name, pieces in found.items()}
+    return {name: (both[0], both[1]) for name, both in joined.items() if both.size}
 
 
 def pooled(recording: Recording, plant: Plant, predictions: Sequence[FloatArray], mode: str

@@ -17,6 +17,7 @@ import numpy.typing as npt
 
 from hydro_twin.compiled import compiled
 from hydro_twin.plants.plant import FloatArray
+from hydro_twin.predictors import kernel
 from hydro_twin.predictors.kernel import floor, inputs_over, interpolated, LIMIT, observe
 from hydro_twin.predictors.linearise import average, differentiate, straight
 from hydro_twin.predictors.rows import add, clear, in_rows, put, weigh, WIDTH
@@ -34,7 +35,7 @@ class Tangent(NamedTuple):
 
     Attributes:
         M, H: derivatives of the matrices of the step, element after element.
-        moves: which elements of H have any, (P + S, n + m + P).
+        moves: which elements of H have any, of its shape.
         p: of the effects' parameters.
         shift: of how late inputs act [samples].
         shifts: whether that moves.
@@ -370,21 +371,43 @@ def output(step, tangent, x, z, work, rows, g, inputs, k, dy):  # type: ignore[n
 
 
 @compiled
-def run(  # type: ignore[no-untyped-def]
-        step, tangent, x, z, work, rows, g, inputs, y, dy, first, last):
-    """Fill y (N,) with the output and dy (N, D) with its derivatives at first <= k < last.
+def read_sensor(step, tangent, row, x, z, work, rows, dy):  # type: ignore[no-untyped-def]
+    """Return what the sensor in a row of H reads, after `output`; its derivatives go to dy."""
+    X, Z, _, U, _, D, _, _, _, spare = rows
+    n, m, kept = len(x), len(step.shift), len(z) - len(step.effects)
+    u, d = work[1, :m], work[5, :step.H.shape[1] - n - m]
+    observe_rows(step, tangent, row, x, u, d, X, U, D, spare, BEFORE)
+    for e in range(len(step.effects)):
+        if step.effects[e].implicit:
+            column = n + m + step.effects[e].port
+            if step.H[row, column] != 0.0:
+                add(spare, BEFORE, step.H[row, column], Z, kept + e)
+            if tangent.moves[row, column]:
+                add(spare, BEFORE, z[kept + e], tangent.H, row * step.H.shape[1] + column)
+    for q in range(len(dy)):
+        dy[q] = spare[BEFORE, q // WIDTH, q % WIDTH]
+    return kernel.read_sensor(step, row, x, z, u, d)
 
-    x, z and rows are those of the sample before the first, and are moved. A run that diverges is
-    left at nan from there on, its derivatives at 0.
+
+@compiled
+def run(  # type: ignore[no-untyped-def]
+        step, tangent, x, z, work, rows, g, inputs, sensors, y, dy, first, last):
+    """Fill y (1 + K, N) with output and sensors, dy (1 + K, N, D) with their derivatives.
+
+    At first <= k < last; `sensors` are rows of H, (K,). x, z and rows are those of the sample
+    before the first, and are moved. A run that diverges is left at nan from there on, its
+    derivatives at 0.
     """
     for k in range(first, last):
         if k > 0:
             advance(step, tangent, x, z, work, rows, g, inputs, k)
-        y[k] = output(step, tangent, x, z, work, rows, g, inputs, k, dy[k])
-        if not abs(y[k]) < LIMIT:
-            y[k:] = float('nan')
-            dy[k:] = 0.0
+        y[0, k] = output(step, tangent, x, z, work, rows, g, inputs, k, dy[0, k])
+        if not abs(y[0, k]) < LIMIT:
+            y[:, k:] = float('nan')
+            dy[:, k:] = 0.0
             return
+        for q in range(len(sensors)):
+            y[1 + q, k] = read_sensor(step, tangent, sensors[q], x, z, work, rows, dy[1 + q, k])
 
 
 @dataclass(frozen=True)
@@ -486,6 +509,15 @@ def tangent_of(system: System, by: Directions, moves: Moves | None = None) -> Ta
 def run_with_slopes(system: System, by: Directions, tangents: Sequence[Tangent],
                     inputs: FloatArray, x: FloatArray, z: FloatArray, start: int | None = None
                     ) -> tuple[FloatArray, FloatArray]:
+    """Run freely as `run_all_with_slopes`; returns the output (N,) and its derivatives (N, D)."""
+    y, slopes = run_all_with_slopes(system, by, tangents, inputs, x, z, start)
+    return y[0], slopes[0]
+
+
+def run_all_with_slopes(
+    system: System, by: Directions, tangents: Sequence[Tangent], inputs: FloatArray,
+    x: FloatArray, z: FloatArray, start: int | None = None, sensors: Sequence[str] = (),
+) -> tuple[FloatArray, FloatArray]:
     """Run freely from state x (n,) and memory z, with derivatives.
 
     Args:
@@ -496,10 +528,12 @@ def run_with_slopes(system: System, by: Directions, tangents: Sequence[Tangent],
         x: the state at the start, (n,).
         z: what the effects keep there, (memory,).
         start: stamp of the first sample [ns]; None stands for now.
+        sensors: names of K that are wanted beside the output.
 
     Returns:
-        The output, (N,), and its derivatives, (N, D): by the unknowns, by x and by z. Zero for
-        what does not last, and for what grows without bound, as under laws that are not stable.
+        Output and sensors, (1 + K, N), and their derivatives, (1 + K, N, D): by the unknowns, by x
+        and by z. Zero for what does not last, and for what grows without bound, as under laws
+        that are not stable.
     """
     n, kept = len(x), lasting(system)
     columns = np.zeros((n + system.memory, by.count + n + len(kept)))
@@ -509,18 +543,20 @@ def run_with_slopes(system: System, by: Directions, tangents: Sequence[Tangent],
     rows = rows_for(system, blocks.shape[1])
     rows.X[:], rows.Z[:] = blocks[:n], blocks[n:]
     g = partials(system)
-    y, dy = np.empty(len(inputs)), np.empty((len(inputs), columns.shape[1]))
-    x, z, stages = x.copy(), z.copy(), system.stages
+    outputs, N = 1 + len(sensors), len(inputs)
+    y, dy = np.empty((outputs, N)), np.empty((outputs, N, columns.shape[1]))
+    x, z, stages, read = x.copy(), z.copy(), system.stages, system.sensor_rows(sensors)
     for k, first, last in system.stretches(len(inputs), start):
-        run(stages[k].step, tangents[k], x, z, system.work(), rows, g, inputs, y, dy, first, last)
-        if math.isnan(y[last - 1]):
+        run(stages[k].step, tangents[k], x, z, system.work(), rows, g, inputs, read, y, dy, first,
+            last)
+        if math.isnan(y[0, last - 1]):
             break
-    dy[:, ~(np.abs(dy).max(axis=0) < UNBOUNDED)] = 0.0
+    dy[..., ~(np.abs(dy).max(axis=(0, 1)) < UNBOUNDED)] = 0.0
     if len(kept) == system.memory:
         return y, dy
-    slopes = np.zeros((len(inputs), by.count + n + system.memory))
-    slopes[:, :by.count + n] = dy[:, :by.count + n]
-    slopes[:, by.count + n + kept] = dy[:, by.count + n:]
+    slopes = np.zeros((outputs, N, by.count + n + system.memory))
+    slopes[..., :by.count + n] = dy[..., :by.count + n]
+    slopes[..., by.count + n + kept] = dy[..., by.count + n:]
     return y, slopes
 
 

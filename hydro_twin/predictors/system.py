@@ -126,7 +126,8 @@ class System:
             inputs: (N, m).
             x: the state, (n,).
             z: what the effects keep, (memory,); by default nought.
-            seen: what passes at the ports is written here, (N, ports + signals), if given.
+            seen: what passes at the ports and what the sensors read is written here, if given,
+                (N, ports + signals + sensors).
             start: stamp of the first sample [ns], which matters where a parameter drifts; None
                 stands for now.
         """
@@ -138,6 +139,11 @@ class System:
             if math.isnan(y[last - 1]):
                 break
         return y
+
+    def sensor_rows(self, names: Sequence[str]) -> IntArray:
+        """Index the rows of H of sensors, (K,)."""
+        known = [sensor.name for sensor in self.plant.sensors]
+        return np.array([self.step.sensors + known.index(name) for name in names], dtype=np.int64)
 
     def run_each(self, inputs: FloatArray, starts: FloatArray) -> FloatArray:
         """Run freely from each of K starts, state and memory side by side, (K, n + memory).
@@ -256,7 +262,8 @@ def _assemble(plant: Plant, values: Mapping[str, float], effects: Sequence[Place
         M=discretise(laws, T / steps),
         H=port_rows(laws),
         effects=np.array(entries, dtype=ENTRY), active=np.array(active, dtype=np.int64),
-        p=np.array(p, dtype=np.float64), shift=late, held=held, substeps=steps, sample_time=T)
+        p=np.array(p, dtype=np.float64), shift=late, held=held, substeps=steps, sample_time=T,
+        sensors=len(laws.port_x) + len(laws.signal_x))
     begin = {id(placed): entry[4] for placed, entry in zip(at_port, entries, strict=True)}
     return System(plant=plant, laws=laws, step=step, memory=memory + len(entries),
                   placed=tuple(at_port),
@@ -265,10 +272,11 @@ def _assemble(plant: Plant, values: Mapping[str, float], effects: Sequence[Place
 
 
 def port_rows(laws: Laws) -> FloatArray:
-    """Stack the rows of the ports' values and of the signals there, (P + S, n + m + P)."""
+    """Stack the rows of ports' values, of signals there and of sensors, (P + S + R, n + m + P)."""
     return np.ascontiguousarray(np.vstack([
         np.hstack([laws.port_x, laws.port_u, laws.port_d]),
-        np.hstack([laws.signal_x, laws.signal_u, laws.signal_d])]))
+        np.hstack([laws.signal_x, laws.signal_u, laws.signal_d]),
+        np.hstack([laws.sensor_x, laws.sensor_u, laws.sensor_d])]))
 
 
 def signal_row(plant: Plant, placed: Placed, name: str) -> int:

@@ -35,6 +35,7 @@ def page(result: TraceResult, summary: Mapping[str, Any], provenance: Mapping[st
         plant=result.plant, unit='' if unit == '1' else unit, named=bool(result.effects),
         changed=result.changed, judged=result.judged,
         summary={**summary, 'effects': _effects(result, summary)},
+        outputs=list(summary['outputs'].items())[1:],
         parameters=parameter_rows(result, summary['parameters']),
         provenance=provenance, illustrations=illustrations, series_parts=series_parts,
         found_figure=next((i.name for i in illustrations if i.name.startswith('found_')), ''),

@@ -51,6 +51,9 @@ def summarise(result: TraceResult) -> dict[str, Any]:
                         'high': result.improvement.high},
         'cannot_show': [] if result.fails else [
             {'id': h.id, 'port': h.port, 'says': h.says} for h in result.hidden],
+        'outputs': {name: {'unit': one.unit, 'before': dict(one.before),
+                           'after': dict(one.after), 'noise': one.noise}
+                    for name, one in result.outputs.items()},
         'series': [{'bag': row.bag, 'before': row.before, 'after': row.after}
                    for row in result.series],
         'parameters': {'before': parameters(result.before), 'after': parameters(result.after)},

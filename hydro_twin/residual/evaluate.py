@@ -1,7 +1,7 @@
 """From the evidence of a trace to its result: judged, estimated, run and drawn, each once."""
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -12,6 +12,7 @@ from hydro_twin.fitting.free_run import Fit
 from hydro_twin.fitting.horizon import HORIZON, horizon_errors
 from hydro_twin.fitting.identifiability import Identifiability
 from hydro_twin.fitting.noise import estimate_noise
+from hydro_twin.fitting.outputs import sensor_rms
 from hydro_twin.fitting.unknowns import get, label
 from hydro_twin.model import Model
 from hydro_twin.plants.plant import FloatArray
@@ -30,7 +31,16 @@ from hydro_twin.residual.evidence import Evidence
 from hydro_twin.residual.shape import shape_of
 from hydro_twin.residual.structure import drifts
 from hydro_twin.residual.verdict import is_structured, LIKELY, named_effects, verdict_of
-from hydro_twin.result import Factor, FoundCurve, Remainder, Run, SeriesErrors, Spell, TraceResult
+from hydro_twin.result import (
+    Factor,
+    FoundCurve,
+    OutputErrors,
+    Remainder,
+    Run,
+    SeriesErrors,
+    Spell,
+    TraceResult,
+)
 
 PARTS = ('test', 'train')
 Predictions = dict[str, list[FloatArray]]       # mode -> of each series; test part, then training
@@ -71,7 +81,8 @@ def result_of(found: Evidence) -> TraceResult:
             found.found.placed, found.found.proof, found.found.p_value, found.found.others),
         best_named=found.best_named,
         improvement=found.improvement, hidden=found.hidden, remainder=_remainder(found),
-        series=_by_series(found, predicted), runs=_runs(found, series, predicted),
+        outputs=_by_output(found, models), series=_by_series(found, predicted),
+        runs=_runs(found, series, predicted),
         persistence=persistence(found.recordings['test'], found.plant), noise=found.floor,
         memory=found.memory,
         fails=found.fails, parts=(len(found.train), len(found.test)))
@@ -139,6 +150,17 @@ def _by_series(found: Evidence, predicted: dict[str, Predictions]) -> tuple[Seri
     return tuple(SeriesErrors(source, **row) for source, row in zip(sources, rows, strict=True)
                  if all(np.isfinite(error) for errors in row.values()
                         for parts in errors.values() for error in parts.values()))
+
+
+def _by_output(found: Evidence, models: Mapping[str, Model]) -> dict[str, OutputErrors]:
+    """Score the free runs on the output and on each sensor."""
+    plant, left = found.plant, found.final.noise
+    errors = {when: {plant.output.name: model.errors['after']['free_run']}
+              | (sensor_rms(Analytical(model), found.recordings) if len(left) > 1 else {})
+              for when, model in models.items()}
+    units = {signal.name: signal.unit for signal in (plant.output, *plant.sensors)}
+    return {name: OutputErrors(units[name], errors['before'][name], errors['after'][name], noise)
+            for name, noise in left.items()}
 
 
 def _runs(found: Evidence, series: Sequence[Series], predicted: dict[str, Predictions]

@@ -76,7 +76,9 @@ def thin(parts: Sequence[Part], plant: Plant, factor: int) -> list[Part]:
         held = part.inputs[:n].reshape(-1, factor, part.inputs.shape[1]).mean(axis=1)
         inputs = np.where([signal.held for signal in plant.inputs], held, part.inputs[:n:factor])
         thinned.append(replace(part, inputs=np.ascontiguousarray(inputs),
-                               measured=np.ascontiguousarray(part.measured[:n:factor])))
+                               measured=np.ascontiguousarray(part.measured[:n:factor]),
+                               sensors={name: column[:n:factor]
+                                        for name, column in part.sensors.items()}))
     return thinned
 
 

@@ -21,6 +21,7 @@ from hydro_twin.fitting.regression import triangle
 from hydro_twin.fitting.unknowns import effect_unknowns, get, label, Unknown
 from hydro_twin.model import Model
 from hydro_twin.plants.plant import FloatArray
+from hydro_twin.predictors.scores import rms
 
 CHANCE = 0.01           # that anything is said to have moved on a rig that did not change
 
@@ -63,7 +64,7 @@ def remember(fit: Fit, parts: Sequence[Part], before: Model, earlier: Sequence[P
               - _coordinates(before, problem.unknowns))
     moved = _moved(change, problem.unknowns, fit.identifiability(), then.identifiability())
     kept = [k for k in range(len(shared)) if k not in moved]
-    rows = _apart(then.jacobian, kept, moved) / then.error
+    rows = _apart(then.jacobian, kept, moved) / rms(then.residual)
     step = _step(fit, rows, [shared[k] for k in kept], -change[kept])
     again = Problem(fit.candidate, fit.unknowns, parts)
     found = again.fit(again.at(np.clip(_coordinates(fit.candidate, fit.unknowns) + step,
@@ -123,7 +124,7 @@ def _step(fit: Fit, rows: FloatArray, columns: Sequence[int], target: FloatArray
     """
     then = np.zeros((len(columns), len(fit.unknowns)))
     then[:, columns] = triangle([rows])
-    now = triangle([fit.jacobian / fit.error])
+    now = triangle([fit.jacobian / rms(fit.residual)])
     step: FloatArray = np.linalg.lstsq(
         np.vstack([now, then]),
         np.concatenate([np.zeros(len(now)), then[:, columns] @ target]), rcond=NULL)[0]
@@ -133,8 +134,9 @@ def _step(fit: Fit, rows: FloatArray, columns: Sequence[int], target: FloatArray
 def _known(fit: Fit, then: Fit, rows: FloatArray, columns: Sequence[int]) -> Identifiability:
     """Say what all recordings determine, those of less noise with more weight; see `_step`."""
     earlier = np.zeros((len(rows), len(fit.unknowns)))
-    earlier[:, columns] = fit.error * rows
+    size = rms(fit.residual)
+    earlier[:, columns] = size * rows
     return Fit(fit.candidate, fit.unknowns,
-               np.concatenate([fit.residual, fit.error / then.error * then.residual]),
+               np.concatenate([fit.residual, size / rms(then.residual) * then.residual]),
                np.vstack([fit.jacobian, earlier]), (*fit.lengths, *then.lengths),
                fit.pulled).identifiability()

@@ -95,7 +95,7 @@ def screen(fit: Fit, parts: Sequence[Part]) -> list[Prospect]:
     Returns:
         For every effect and port its best starts, at most two, best effect first.
     """
-    candidate = fit.candidate
+    fit, candidate = fit.main, fit.candidate
     reach = spans(candidate, parts)
     basis = _tuning(fit)
     residual = _untuned(fit.residual, basis)
@@ -194,6 +194,7 @@ def visible(fit: Fit, parts: Sequence[Part], reach: Mapping[Port, Span]
         parts: what was recorded.
         reach: see `spans`.
     """
+    fit = fit.main
     basis = _tuning(fit)
     noise = _untuned(fit.residual, basis)
     least = VISIBLE * float(noise @ noise) / len(noise)

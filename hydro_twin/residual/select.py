@@ -65,8 +65,16 @@ class Alternative:
 
 
 def by_part(fit: Fit) -> list[FloatArray]:
-    """Split the residual of a fit into its parts."""
-    return np.split(fit.residual, np.cumsum(fit.lengths)[:-1])
+    """Split the residual of the output of a fit into its parts."""
+    return by_output(fit)[0]
+
+
+def by_output(fit: Fit) -> list[list[FloatArray]]:
+    """Split the residual of a fit into those of the output, and of each sensor, by part."""
+    pieces = np.split(fit.residual, np.cumsum(fit.lengths)[:-1])
+    outputs = fit.outputs or (0,) * len(pieces)
+    return [[piece / scale for piece, output in zip(pieces, outputs, strict=True) if output == q]
+            for q, scale in enumerate(fit.scales)]
 
 
 def search(candidate: Model, parts: Sequence[Part], evaluations: int) -> Fit:
@@ -102,27 +110,28 @@ def searched(candidate: Model) -> list[Unknown]:
 
 
 def criterion(fits: Sequence[Fit]) -> list[float]:
-    """BIC of fits to the same parts, their residuals whitened by the filter of the best.
+    """BIC of fits to the same parts, their residuals whitened by the filters of the best.
 
     N ln(S/N) + d ln N, with S the sum of squares and d the number of unknowns that are not at
-    a bound.
+    a bound; the first summed over the output and the sensors, each with a filter of its own.
     """
     best = min(fits, key=lambda fit: fit.cost)
-    filter_ = autoregression(by_part(best))
+    filters = [autoregression(pieces) for pieces in by_output(best)]
     values = []
     for fit in fits:
-        white = whiten(by_part(fit), filter_)
-        n = len(white)
-        power = float(white @ white)
-        power *= 1.0 + fit.pulled / max(float(fit.residual @ fit.residual), 1e-300)
+        whites = [whiten(*some) for some in zip(by_output(fit), filters, strict=True)]
+        pulled = 1.0 + fit.pulled / max(float(fit.residual @ fit.residual), 1e-300)
         free = len(fit.unknowns) - len(fit.at_bound())
-        values.append(n * math.log(max(power, 1e-300) / n) + free * math.log(n))
+        values.append(sum(len(white) * math.log(max(pulled * float(white @ white), 1e-300)
+                                                / len(white)) for white in whites if len(white))
+                      + free * math.log(sum(map(len, whites))))
     return values
 
 
 def gain_p_value(before: Fit, after: Fit, tried: int) -> float:
     """Likelihood-ratio test of what the last effect adds, times the number of effects tried."""
-    ratio = likelihood_gain(by_part(before), by_part(after))
+    ratio = sum(likelihood_gain(*some) for some in zip(by_output(before), by_output(after),
+                                                       strict=True))
     added = max(1, len(after.unknowns) - len(before.unknowns))
     log_p = float(stats.chi2.logsf(max(ratio, 0.0), added)) + math.log(tried)
     return min(1.0, math.exp(max(log_p, -700.0)))

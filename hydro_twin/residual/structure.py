@@ -66,7 +66,7 @@ def shows(curve: Dependence) -> bool:
 
 def free_curves(fit: Fit, parts: Sequence[Part]) -> list[Dependence]:
     """List what a free curve explains at every port over every signal there, the most first."""
-    candidate = fit.candidate
+    fit, candidate = fit.main, fit.candidate
     carry = to_output(candidate)
     observed = _observe(candidate, parts)
     basis, _ = np.linalg.qr(fit.jacobian)
@@ -90,6 +90,7 @@ def free_curves(fit: Fit, parts: Sequence[Part]) -> list[Dependence]:
 
 def drift(fit: Fit, parts: Sequence[Part]) -> tuple[float, float]:
     """Share and p-value of a drift of the parameters: the tangent times time as columns."""
+    fit = fit.main
     basis, _ = np.linalg.qr(fit.jacobian)
     time = times(fit, parts)
     columns = fit.jacobian * (time - time.mean())[:, None]
@@ -113,6 +114,7 @@ def drifting(fit: Fit, parts: Sequence[Part]) -> dict[str, float]:
         Change a second over the value at the end, least squares on the residual of the fit, of
         each parameter that was fitted.
     """
+    fit = fit.main
     basis, _ = np.linalg.qr(fit.jacobian)
     time = times(fit, parts)
     residual = fit.residual - basis @ (basis.T @ fit.residual)
@@ -206,7 +208,7 @@ def _observe(candidate: Model, parts: Sequence[Part]) -> list[FloatArray]:
     """Run over parts and return what passes at ports and signals."""
     all_seen = []
     for part in parts:
-        seen = np.zeros((len(part.inputs), len(candidate.system.step.H)))
+        seen = np.zeros((len(part.inputs), candidate.system.step.sensors))
         free_run(candidate, part, seen)
         all_seen.append(np.nan_to_num(seen))
     return all_seen
@@ -229,7 +231,7 @@ def predicted_by_ports(fit: Fit, parts: Sequence[Part]) -> tuple[float, float]:
     the timing, by which that command would act at once. Noise, white or coloured, is not
     predicted.
     """
-    sample_time = fit.candidate.sample_time
+    fit, sample_time = fit.main, fit.candidate.sample_time
     observed = _observe(fit.candidate, parts)
     joined = np.concatenate(observed)
     picked = _distinct(joined)

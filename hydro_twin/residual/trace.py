@@ -9,6 +9,7 @@ import numpy as np
 from hydro_twin.blas import one_thread
 from hydro_twin.fitting.free_run import Fit, fit_linear
 from hydro_twin.fitting.horizon import errors_over_horizon
+from hydro_twin.fitting.outputs import sensors_in
 from hydro_twin.fitting.parts import least_samples, Part, parts_of
 from hydro_twin.fitting.whiteness import is_white
 from hydro_twin.model import Model, Record
@@ -162,6 +163,7 @@ def _search(train: Recording, test: Recording, plant: Plant,
     """Search with one test part; `known` is the model that a search with another one found."""
     whole, held_out = parts_of(train, plant), parts_of(test, plant)
     sample_time = train.series[0].sample_time
+    plant = plant.seen_by(sensors_in(whole, plant, plant.start_samples(sample_time)))
     fine = excerpt(whole, plant, sample_time)
     recorded = sum(len(part.measured) for part in whole)
     progress('linear model')
@@ -172,8 +174,8 @@ def _search(train: Recording, test: Recording, plant: Plant,
                            seed=seed).candidate
         before = _linear(plain, fine, seed)
     else:
-        before = search(resampled(
-            replace(model, noise=None, record=Record()), sample_time), fine, 1)
+        before = search(resampled(replace(
+            model, plant=plant, noise=None, record=Record()), sample_time), fine, 1)
     factor = harmless_factor(before, fine, recorded)
     while not all(excerpt(parts, plant, sample_time, factor) for parts in (whole, held_out)):
         factor //= 2        # what is thinned must be long enough, at factor 1 all of it is

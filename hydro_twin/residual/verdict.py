@@ -52,7 +52,8 @@ def _judge(found: Evidence, finding: Finding, reach: Mapping[Port, Span]) -> Nam
                              if name not in (placed.port.name, *other_ports))
     alike = _alike(found.plant, placed.effect.id, (placed.port.name, *other_ports), reach)
     rivals = _by_id(finding, placed.effect.id, alike)
-    telling = finding.share / (1.0 - min(finding.share, 1.0 - 1e-12)) * len(found.after.residual)
+    samples = len(found.after.main.residual)
+    telling = finding.share / (1.0 - min(finding.share, 1.0 - 1e-12)) * samples
     return NamedEffect(
         finding.index, placed, finding.p_value, finding.share,
         certain=telling > TELLING and not is_structured(found, LIKELY if found.white else 1.0)

@@ -14,7 +14,12 @@ from hydro_twin.fitting.parts import Part
 from hydro_twin.fitting.unknowns import effect_unknowns, get, plant_unknowns, timing_unknowns
 from hydro_twin.model import Model
 from hydro_twin.plants import PLANTS
-from hydro_twin.predictors.sensitivities import Directions, run_with_slopes, tangent_of
+from hydro_twin.predictors.sensitivities import (
+    Directions,
+    run_all_with_slopes,
+    run_with_slopes,
+    tangent_of,
+)
 from hydro_twin.predictors.system import assemble
 from hydro_twin.residual.screen import spans
 
@@ -99,13 +104,18 @@ def test_all_derivatives_of_a_run(plant, effect, port):
     system = candidate.system
     x = 1e-3 * np.max(np.abs(states_of(candidate, part)), axis=0)
     z = np.zeros(system.memory)
-    y, slopes = run_with_slopes(system, by, [tangent_of(system, by)], part.inputs,
-                                x, z)
+    sensors = [sensor.name for sensor in plant.sensors]
+    every, slopes = run_all_with_slopes(system, by, [tangent_of(system, by)], part.inputs, x, z,
+                                        sensors=sensors)
+    y, scale = every[0], np.std(every[0]) / np.maximum(np.std(every, axis=1), 1e-300)
     np.testing.assert_array_equal(y, system.run(part.inputs, x, z))
+    slopes = np.concatenate(scale[:, None, None] * slopes)
 
     def run(coordinates):
-        moved = problem.candidate(coordinates[:by.count])
-        return moved.system.run(part.inputs, x + coordinates[by.count:], z)
+        moved = problem.candidate(coordinates[:by.count]).system
+        seen = np.empty((len(y), len(moved.step.H)))
+        output = moved.run(part.inputs, x + coordinates[by.count:], z, seen)
+        return np.concatenate(scale[:, None] * np.vstack([output, seen[:, moved.step.sensors:].T]))
 
     at = np.concatenate([[u.coordinate(get(candidate, u)) for u in problem.unknowns],
                          np.zeros(plant.order)])
@@ -118,7 +128,8 @@ def test_all_derivatives_of_a_run(plant, effect, port):
     found[:, by.count:] = slopes[:, by.count:by.count + plant.order]
     size = np.abs(expected).max(axis=0) + 1e-9 * np.std(y) / np.concatenate([
         np.ones(by.count), states])
-    smooth = kinked < 1e-6 * size
+    # Near a kink the two steps may agree by chance: with more outputs more of that is seen.
+    smooth = kinked < np.repeat([1e-6] + [3e-7] * len(sensors), len(y))[:, None] * size
     assert smooth.mean() > 0.5
     assert (np.abs(found - expected) / size)[smooth].max() < 1e-6
 

@@ -17,8 +17,11 @@ VALUES = PLANT.constant_values() | {p.name: (p.lower * p.upper) ** 0.5 for p in 
 
 
 def record(*effects, seed=0, noise=0.5, count=3, duration=3.0, plant=PLANT, amplitude=0.1,
-           bus=0.002, values=VALUES):
-    """Record series under random multisines; effects as (id, port, parameters)."""
+           bus=0.002, values=VALUES, sensors=None):
+    """Record series under random multisines; effects as (id, port, parameters).
+
+    Sensors by name, with the RMS of their noise; the first of them fails half-way.
+    """
     rng = np.random.default_rng(seed)
     placed = [place(*effect, plant) for effect in effects]
     series = []
@@ -36,9 +39,12 @@ def record(*effects, seed=0, noise=0.5, count=3, duration=3.0, plant=PLANT, ampl
             return 0.02 * gate(t) * np.sin(2 * np.pi * 1.3 * t)
 
         one = simulate(plant, values, placed, {'u_m': command, 'theta_d': shaft}, duration,
-                       start=10_000_000_000 * (index + 1))
-        torque = one['T_g'] + noise * rng.standard_normal(len(one))
-        series.append(replace(one, columns={**one.columns, 'T_g': torque}))
+                       start=10_000_000_000 * (index + 1), sensors=[*(sensors or {})])
+        measured = {name: one[name] + rms * rng.standard_normal(len(one))
+                    for name, rms in {'T_g': noise, **(sensors or {})}.items()}
+        for name in [*measured][1:2]:
+            measured[name][len(one) // 2:] = np.nan
+        series.append(replace(one, columns={**one.columns, **measured}))
     return Recording(tuple(series))
 
 
