@@ -15,9 +15,10 @@ from itertools import combinations
 
 import numpy as np
 
-from hydro_twin.fitting.candidate import Candidate, Part
 from hydro_twin.fitting.free_run import Problem
+from hydro_twin.fitting.parts import Part
 from hydro_twin.fitting.unknowns import get, plant_unknowns
+from hydro_twin.model import Model
 from hydro_twin.plants import Plant, PLANTS
 from hydro_twin.plants.plant import FloatArray, Parameter
 
@@ -42,7 +43,7 @@ def recorded(plant: Plant, values: Mapping[str, float], sensors: Sequence[str]) 
             (rng.uniform(0.1, 30.0, 12), rng.uniform(0.0, 2.0 * np.pi, 12))
             for _ in plant.inputs)])
     # Inputs that move the output about as far each, so that none is hidden by another.
-    system = Candidate(plant, values, T).system
+    system = Model(plant, values, T).system
     x = np.zeros(plant.order)
     for column in range(len(plant.inputs)):
         alone = np.where(np.arange(len(plant.inputs)) == column, inputs, 0.0)
@@ -57,7 +58,7 @@ def errors(plant: Plant, values: Mapping[str, float], sensors: Sequence[str]
            ) -> dict[str, float | None]:
     """Relative standard error of each parameter and combination; None: not determined."""
     part = recorded(plant, values, sensors)
-    problem = Problem(Candidate(plant, values, plant.sample_time), plant_unknowns(plant, 'box'),
+    problem = Problem(Model(plant, values, plant.sample_time), plant_unknowns(plant, 'box'),
                       [part])
     at = np.array([u.coordinate(get(problem.base, u)) for u in problem.unknowns])
     scales = 1.0 / (NOISE * problem.pieces.sizes)
