@@ -1,4 +1,4 @@
-"""Ten hours of a rig that does not change: does `keep` promote anything?
+"""Count what `keep` promotes in ten hours of a rig that does not change.
 
     python benchmarks/unchanged.py [--hours 10]
 

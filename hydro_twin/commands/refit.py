@@ -25,7 +25,6 @@ if TYPE_CHECKING:
     from rich.console import Console
 
 
-
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the arguments of the verb."""
     add_bag_arguments(parser)

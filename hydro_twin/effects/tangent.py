@@ -79,8 +79,8 @@ class _Law(Function):
                     continue
                 rate, column = self.total([rate]), self.columns[seed]
                 # An element that this branch does not read may not even be there.
-                guard = f'if {rate} != 0.0: ' if names_in(loaded(ast.parse(seed, mode='eval').body)
-                                                        ) & set(self.stored) else ''
+                read = names_in(loaded(ast.parse(seed, mode='eval').body))
+                guard = f'if {rate} != 0.0: ' if read & set(self.stored) else ''
                 self.line(f'{guard}partial_[{row}, {column}] += {rate}')
         self.line(f'return {value}')
 

@@ -206,9 +206,9 @@ def _noise(raw: Mapping[str, Any], plant: Plant) -> Noise:
                   follow)
     if not set(process) <= set(start) == set(plant.states):
         raise ModelError(f'observer: the states of {plant.name} are {", ".join(plant.states)}')
+    others = (*process.values(), *start.values(), *follow.values())
     if not (0.0 < noise.measurement < math.inf
-            and all(0.0 <= value < math.inf for value in (*process.values(), *start.values(),
-                                                 *follow.values()))):
+            and all(0.0 <= value < math.inf for value in others)):
         raise ModelError('observer: measurement_noise must be above 0, process_noise, start and '
                          'follow at least 0, and all finite')
     return noise

@@ -23,7 +23,6 @@ if TYPE_CHECKING:
     from hydro_twin.predictors.observer import Observer
 
 HISTORY = 256           # samples of inputs a live run keeps, at least
-RECENT = 5000           # and of what the observer made of them: 10 s at 500 Hz, see live/location
 
 
 class Analytical:
@@ -122,11 +121,10 @@ def _first(measured: float) -> float:
 class FreeRun:
     """A free run, live."""
 
-    def __init__(self, system: System, keep: int = HISTORY) -> None:
+    def __init__(self, system: System) -> None:
         self.system = system
         late = int(np.ceil(max(system.step.shift, default=0.0)))
-        self.reach = max(HISTORY, late + 8)         # of the inputs on the next sample
-        self.keep = max(keep, self.reach)
+        self.keep = max(HISTORY, late + 8)
         self.inputs = np.zeros((2 * self.keep, len(system.step.shift)))
         self.k = -1
         self.x = np.zeros(len(system.laws.A))
@@ -160,7 +158,7 @@ class Observed(FreeRun):
     def __init__(self, observer: Observer) -> None:
         from hydro_twin.predictors.observer import Observation
 
-        super().__init__(observer.system, RECENT)
+        super().__init__(observer.system)
         self.observer, self.observation = observer, Observation(observer, self.x, self.z)
         self.measured = np.empty(len(self.inputs))
         self.results = np.empty((len(self.inputs), 2))
@@ -195,20 +193,6 @@ class Observed(FreeRun):
             return None
         return followed.in_units(self.estimates[self.k, :, len(self.observer.names):])
 
-    def recent(self) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
-        """Copy the last samples, `RECENT` of them at most: inputs, measured, results, estimates.
-
-        Another thread may call it: it looks again where the run has moved them meanwhile.
-        """
-        while True:
-            k = self.k
-            first = max(k + 1 - self.keep, 0)
-            inputs, measured, results, estimates = (
-                kept[first:k + 1].copy()
-                for kept in (self.inputs, self.measured, self.results, self.estimates))
-            if self.k >= k:
-                return inputs, measured, results, estimates
-
     def ahead(self, samples: int) -> tuple[float, float]:
         """Predict the output so many samples after the last, with all inputs held.
 
@@ -216,7 +200,7 @@ class Observed(FreeRun):
             The output and its standard deviation, as it would be measured; nan where the run
             diverges.
         """
-        known = min(self.k + 1, self.reach)
+        known = min(self.k + 1, self.keep)
         inputs = np.empty((known + samples, self.inputs.shape[1]))
         inputs[:known] = self.inputs[self.k + 1 - known:self.k + 1]
         inputs[known:] = self.inputs[self.k]

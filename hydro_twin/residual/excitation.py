@@ -1,4 +1,4 @@
-"""Does a recording move the plant enough for a trace to say anything of it?
+"""Whether a recording moves the plant enough for a trace to say anything of it.
 
 Before anything is fitted: by the Fisher information of a model on the recording, and by whether
 effects would show there above the noise.

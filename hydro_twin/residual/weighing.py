@@ -51,7 +51,7 @@ def best_named(chain: Chain, held_out: Sequence[Part]) -> BestNamed:
 
 
 def with_curve(chain: Chain, base: Fit, context: Context
-                ) -> tuple[Chain, FittedCurve | None, Chain | None]:
+               ) -> tuple[Chain, FittedCurve | None, Chain | None]:
     """Look for a free curve beside the named effects, or instead of them.
 
     Several named effects often imitate one law that has no name.
@@ -95,8 +95,8 @@ def read_as_names(chain: Chain, found: FittedCurve, base: Fit, context: Context)
     """
     held_out = context.held_out
     tried = list(search_all(readings(found.fit.candidate, context.parts), context.parts, LONG))
-    for _, fit in sorted(zip(criterion(tried), tried, strict=True) if tried else (),
-                             key=lambda one: one[0]):
+    scores = criterion(tried) if tried else []
+    for fit in (tried[k] for k in np.argsort(scores, kind='stable')):
         if outweighs(found.fit, fit, held_out):
             continue
         laws = range(len(chain.fit.candidate.effects), len(fit.candidate.effects))

@@ -74,5 +74,3 @@ def test_an_effect_that_nobody_else_has_is_a_surprise():
     assert scores == sorted(scores)
     assert norm.sf(surprise(0, 9)) == pytest.approx(0.5 / 10)
     assert surprise(9, 9) < 0.0 < surprise(1, 9)
-
-
