@@ -66,6 +66,12 @@ def wrong_names(path):
             *(link for link in links if not (path.parent / link).exists())]
 
 
+def test_modules_of_tests_have_names_of_their_own():
+    """Without packages, pytest imports them by their names alone."""
+    names = [path.name for path in (ROOT / 'test').rglob('*.py') if path.name != 'conftest.py']
+    assert sorted(names) == sorted(set(names))
+
+
 def test_files_and_modules_named_exist():
     wrong = {label(path): names for path in (*SOURCES, *PAGES) if (names := wrong_names(path))}
     assert wrong == {}
