@@ -27,7 +27,8 @@ from hydro_twin.fitting.unknowns import effect_unknowns, get, plant_unknowns, ti
 from hydro_twin.model import Model, place
 from hydro_twin.plants import plant_named
 from hydro_twin.plants.plant import FloatArray
-from hydro_twin.predictors.sensitivities import run_with_slopes, tangent_of
+from hydro_twin.predictors.sensitivities import run_with_slopes
+from hydro_twin.predictors.tangents import tangent_of
 
 PLANT = plant_named('load_simulator')
 SAMPLES = 5000

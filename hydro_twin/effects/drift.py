@@ -9,6 +9,7 @@ from hydro_twin.plants.plant import PARAMETER
 LEAST = 0.05            # of the last value: no parameter comes near zero, or changes its sign
 IDLE = (0.33, 0.6)      # shares of the recording before a drift begins, to start a search at
 SETTLES = (0.5, 0.2)    # and time constants, in shares of the recording
+STRAIGHT = 1e-12        # of a time constant: shorter, a lag is a straight line to rounding
 STEP = 1e-6             # of the differences, relative; what is left out is its square
 
 Values = tuple[float, ...]
@@ -26,11 +27,11 @@ def factor(values: Values, time: float) -> float:
         return 1.0
     spread = end - since
     passed = min(max(time - since, 0.0), spread)
-    if math.isinf(time_constant):
+    if spread < STRAIGHT * time_constant:
         left = 1.0 - passed / spread
     else:
-        last = math.exp(-spread / time_constant)
-        left = (math.exp(-passed / time_constant) - last) / (1.0 - last)
+        left = (math.exp(-passed / time_constant) * math.expm1((passed - spread) / time_constant)
+                / math.expm1(-spread / time_constant))
     return max(1.0 - rate * spread * left, LEAST)
 
 

@@ -30,8 +30,9 @@ from hydro_twin.model import Model
 from hydro_twin.plants import Plant
 from hydro_twin.plants.plant import FloatArray
 from hydro_twin.predictors.scores import rms
-from hydro_twin.predictors.sensitivities import Directions, run_all_with_slopes, tangents_of
+from hydro_twin.predictors.sensitivities import run_all_with_slopes
 from hydro_twin.predictors.system import System
+from hydro_twin.predictors.tangents import Directions, tangents_of
 
 WALL = 3e-3             # weight of the search box, see `Problem`
 MIDDLE = 1e-4           # weight of its middle

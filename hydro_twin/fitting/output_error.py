@@ -10,7 +10,8 @@ from hydro_twin.fitting.start import find_start, Start, without_start
 from hydro_twin.model import Model
 from hydro_twin.plants.plant import FloatArray
 from hydro_twin.predictors.scores import rms
-from hydro_twin.predictors.sensitivities import NONE, run_with_slopes, Tangent, tangent_of
+from hydro_twin.predictors.sensitivities import run_with_slopes
+from hydro_twin.predictors.tangents import NONE, Tangent, tangent_of
 
 
 def initial_states(model: Model, parts: Sequence[Part]) -> list[Start]:

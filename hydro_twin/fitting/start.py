@@ -9,8 +9,9 @@ import numpy as np
 
 from hydro_twin.plants.plant import FloatArray
 from hydro_twin.predictors.scores import rms
-from hydro_twin.predictors.sensitivities import NONE, run_with_slopes, Tangent
+from hydro_twin.predictors.sensitivities import run_with_slopes
 from hydro_twin.predictors.system import IntArray, System
+from hydro_twin.predictors.tangents import NONE, Tangent
 
 MOVES = 0.5             # of the mean square missed: less is left where a run starts otherwise
 NEARER = 0.9            # of the mean square missed: more is left by the last step of a search

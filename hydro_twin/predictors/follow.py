@@ -18,8 +18,8 @@ from hydro_twin.errors import ModelError
 from hydro_twin.plants.plant import FloatArray
 from hydro_twin.predictors.kernel import Step
 from hydro_twin.predictors.rows import add, clear, in_rows, put, WIDTH
-from hydro_twin.predictors.sensitivities import Directions, Tangent, tangent_of
 from hydro_twin.predictors.system import System
+from hydro_twin.predictors.tangents import Directions, Tangent, tangent_of
 
 if TYPE_CHECKING:
     from hydro_twin.model import Model

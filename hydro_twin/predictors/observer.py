@@ -22,8 +22,9 @@ from hydro_twin.predictors.follow import follow_by, Followed, NOBODY
 from hydro_twin.predictors.kernel import LIMIT
 from hydro_twin.predictors.quantities import quantities_of
 from hydro_twin.predictors.rows import WIDTH
-from hydro_twin.predictors.sensitivities import NONE, partials, Rows, rows_for, tangent_of
+from hydro_twin.predictors.sensitivities import partials, Rows, rows_for
 from hydro_twin.predictors.system import System
+from hydro_twin.predictors.tangents import NONE, tangent_of
 
 if TYPE_CHECKING:
     from hydro_twin.model import Noise

@@ -6,14 +6,11 @@ unknowns. Those of the plant come first, since only they move the matrices.
 """
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import dataclass
-from itertools import pairwise
+from collections.abc import Sequence
 import math
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
-import numpy.typing as npt
 
 from hydro_twin.compiled import compiled
 from hydro_twin.plants.plant import FloatArray
@@ -21,42 +18,10 @@ from hydro_twin.predictors import kernel
 from hydro_twin.predictors.kernel import floor, inputs_over, interpolated, LIMIT, observe
 from hydro_twin.predictors.linearise import average, differentiate, straight
 from hydro_twin.predictors.rows import add, clear, in_rows, put, weigh, WIDTH
-from hydro_twin.predictors.system import discretise, port_rows, System
+from hydro_twin.predictors.system import System
+from hydro_twin.predictors.tangents import Directions, lasting, Tangent
 
-COMPLEX_STEP = 1e-20
-NODES = 9               # a parameter that more than doubles turns the derivatives by 2 %
 UNBOUNDED = 1e50        # of a derivative: its products in a fit would overflow
-
-
-class Tangent(NamedTuple):
-    """How a step follows D unknowns, of which the first Q are the plant's.
-
-    Derivatives are rows of D columns, as `Rows` are.
-
-    Attributes:
-        M, H: derivatives of the matrices of the step, element after element.
-        moves: which elements of H have any, of its shape.
-        p: of the effects' parameters.
-        shift: of how late inputs act [samples].
-        shifts: whether that moves.
-        compliance: how far the first signal of each implicit effect rises for a unit added, (K,).
-        d_compliance: its derivatives.
-        moving: whether the matrices move at all.
-        rest: the first of K columns for what the laws vary beside a line, where the derivatives of
-            a state are a root of its covariance; -1 where they are but derivatives.
-    """
-
-    M: FloatArray
-    H: FloatArray
-    moves: npt.NDArray[np.bool_]
-    p: FloatArray
-    shift: FloatArray
-    shifts: bool
-    compliance: FloatArray
-    d_compliance: FloatArray
-    moving: bool
-    rest: int
-
 
 # The rows of `Rows.spare`: value before and after an effect, and the two signals it reads.
 BEFORE, AFTER, SIGNAL = 0, 1, 2
@@ -410,102 +375,6 @@ def run(  # type: ignore[no-untyped-def]
             y[1 + q, k] = read_sensor(step, tangent, sensors[q], x, z, work, rows, dy[1 + q, k])
 
 
-@dataclass(frozen=True)
-class Directions:
-    """Unknowns by which a run is differentiated, each in its own unit.
-
-    Attributes:
-        plant: names of parameters with what one unit of the unknown is worth, Q of them.
-        p: (index in the effects' parameters, worth) for each unknown of an effect.
-        shift: for each unknown of the timing how it moves each input [samples], (T, m).
-    """
-
-    plant: Sequence[tuple[str, float]] = ()
-    p: Sequence[tuple[int, float]] = ()
-    shift: npt.ArrayLike = ()
-
-    @property
-    def count(self) -> int:
-        """How many."""
-        return len(self.plant) + len(self.p) + len(np.asarray(self.shift))
-
-
-NONE = Directions()
-
-
-Moves = Mapping[str, FloatArray]        # parameter -> derivative of [M; H], padded
-
-
-def moves_of(system: System, names: Iterable[str]) -> Moves:
-    """Differentiate M and H, one above the other, by parameters, each in its own unit."""
-    step, found = system.step, {}
-    for name in names:
-        unit = COMPLEX_STEP * system.values[name]
-        beside: Mapping[str, Any] = {**system.values, name: system.values[name] + 1j * unit}
-        laws = system.plant.laws(beside)
-        M, H = discretise(laws, step.sample_time / step.substeps), port_rows(laws)
-        found[name] = np.vstack([M, np.pad(H, ((0, 0), (0, M.shape[1] - H.shape[1])))]).imag / unit
-    return found
-
-
-def tangents_of(system: System, by: Callable[[System], Directions]) -> list[Tangent]:
-    """Differentiate the step of every stage of a system.
-
-    The matrices go smoothly with a parameter that drifts, so that their derivatives are taken at
-    `NODES` of its values and interpolated.
-
-    Args:
-        system: what is run.
-        by: the unknowns at a stage.
-    """
-    stages, directions = system.stages, [by(stage) for stage in system.stages]
-    names = dict.fromkeys(name for name, _ in directions[-1].plant)
-    way = np.cumsum([0.0, *(max(abs(math.log(then / now)) for now, then in zip(
-        before.values.values(), after.values.values(), strict=True))
-        for before, after in pairwise(stages))])
-    nodes = np.unique(np.searchsorted(way, np.linspace(0.0, way[-1], NODES)))
-    moves = [moves_of(stages[k], names) for k in nodes]
-    shares = np.column_stack([np.interp(way, way[nodes], row) for row in np.eye(len(nodes))])
-    return [tangent_of(stage, some, {
-        name: sum(share * at[name] for share, at in zip(row, moves, strict=True) if share)
-        for name in names}) for stage, some, row in zip(stages, directions, shares, strict=True)]
-
-
-def tangent_of(system: System, by: Directions, moves: Moves | None = None) -> Tangent:
-    """Differentiate the matrices of a step, with room for the state at the start.
-
-    Args:
-        system: what is run.
-        by: the unknowns; the columns are those of the plant, of the effects, of the timing.
-        moves: what the parameters do to the matrices, if that is known.
-    """
-    step, starts = system.step, len(system.laws.A) + len(lasting(system))
-    Q, D = len(by.plant), by.count + starts
-    dM, dH = np.zeros((*step.M.shape, D)), np.zeros((*step.H.shape, D))
-    if moves is None:
-        moves = moves_of(system, dict.fromkeys(name for name, _ in by.plant))
-    for q, (name, worth) in enumerate(by.plant):
-        dM[..., q] = worth * moves[name][:len(step.M)]
-        dH[..., q] = worth * moves[name][len(step.M):, :step.H.shape[1]]
-    p, shift = np.zeros((len(step.p), D)), np.zeros((len(step.shift), D))
-    for q, (index, worth) in enumerate(by.p):
-        p[index, Q + q] = worth
-    at = Q + len(by.p)
-    shift[:, at:by.count] = np.reshape(np.asarray(by.shift, dtype=np.float64),
-                                       (by.count - at, len(shift))).T
-    n, m, P = len(system.laws.A), len(step.shift), len(system.plant.ports)
-    compliance, rises = np.zeros(len(step.effects)), np.zeros((len(step.effects), D))
-    for e, effect in enumerate(step.effects):
-        if effect['implicit']:
-            begin = n + 2 * m + effect['port']
-            row, both = step.H[effect['signal_0'], :n], step.M[:, [begin, begin + P]].sum(axis=1)
-            compliance[e] = row @ both
-            rises[e] = (both @ dH[effect['signal_0'], :n]
-                        + row @ dM[:, [begin, begin + P]].sum(axis=1))
-    return Tangent(in_rows(dM), in_rows(dH), dH.any(axis=2), in_rows(p), in_rows(shift),
-                   bool(shift.any()), compliance, in_rows(rises), bool(dM.any()), -1)
-
-
 def run_with_slopes(system: System, by: Directions, tangents: Sequence[Tangent],
                     inputs: FloatArray, x: FloatArray, z: FloatArray, start: int | None = None
                     ) -> tuple[FloatArray, FloatArray]:
@@ -558,9 +427,3 @@ def run_all_with_slopes(
     slopes[..., :by.count + n] = dy[..., :by.count + n]
     slopes[..., by.count + n + kept] = dy[..., by.count + n:]
     return y, slopes
-
-
-def lasting(system: System) -> npt.NDArray[np.int64]:
-    """Index the memory that lasts: not what an implicit effect keeps, which is soon over."""
-    return np.array([k for effect in system.step.effects if not effect['implicit']
-                     for k in range(effect['z_begin'], effect['z_end'])], dtype=np.int64)

@@ -13,8 +13,9 @@ from hydro_twin.fitting.unknowns import effect_unknowns, get, plant_unknowns
 from hydro_twin.model import Model, Noise, place, read_model, write_model
 from hydro_twin.plants import PLANTS
 from hydro_twin.predictors.analytical import Analytical
-from hydro_twin.predictors.sensitivities import run_with_slopes, tangents_of
+from hydro_twin.predictors.sensitivities import run_with_slopes
 from hydro_twin.predictors.system import assemble, STAGES
+from hydro_twin.predictors.tangents import tangents_of
 from hydro_twin.recording.series import Recording, Series
 from hydro_twin.report.summary import sentence
 from hydro_twin.residual.trace import trace
@@ -39,6 +40,7 @@ INF = math.inf
     ((0.1, 0.0, 2.0, BEGIN, END), 102.0,
      1.0 - 0.6 * (math.exp(-1.0) - math.exp(-3.0)) / (1.0 - math.exp(-3.0))),
     ((0.1, 0.0, 1e7, BEGIN, END), 103.0, 0.7),          # a slow lag is a straight line
+    ((0.1, 0.0, 1e20, BEGIN, END), 103.0, 0.7),         # however slow
     ((10.0, 0.0, INF, BEGIN, END), 100.0, 0.05),        # it does not change its sign
 ])
 def test_law(law, time, expected):
