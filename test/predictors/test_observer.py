@@ -154,6 +154,7 @@ def watching(state):
     def equations(p, x, u, port):
         def through(name, value, **signals):
             return port(name, getattr(x, state) if name == 'sensor' else value, **signals)
+        through.sensor = port.sensor
         return LOAD.equations(p, x, u, through)
     return replace(LOAD, equations=equations)
 
