@@ -15,7 +15,7 @@ from hydro_twin.model import load_predictor, Model, read_model
 from hydro_twin.plants import Plant, plant_named
 from hydro_twin.plants.plant import FloatArray
 from hydro_twin.predictors import kind_named, modes_of, Predictor
-from hydro_twin.predictors.analytical import Analytical
+from hydro_twin.predictors.analytical import Analytical, deviations
 from hydro_twin.predictors.scores import (
     fit_percent,
     persistence,
@@ -85,6 +85,7 @@ class Replay:
         horizon: RMS error over a horizon, of an analytical model whose plant integrates.
         sensors: of each sensor that was recorded, of an analytical model, (measured - free run,
             measured) where it is there, in its unit.
+        states: of an analytical model that knows its noise, see `deviations`.
     """
 
     plant: Plant
@@ -92,6 +93,7 @@ class Replay:
     predictions: Mapping[str, Sequence[FloatArray]]
     horizon: float | None = None
     sensors: Mapping[str, tuple[FloatArray, FloatArray]] = field(default_factory=dict)
+    states: Mapping[str, Mapping[str, float | None]] = field(default_factory=dict)
 
     def summary(self) -> dict[str, Any]:
         """Return samples and errors, as `replay --json` prints them.
@@ -116,8 +118,9 @@ class Replay:
                 'unit': units[name], 'samples': len(error),
                 'free_run': {'rmse': rms(error), 'fit_percent': fit_percent(error, measured)}}
                 for name, (error, measured) in self.sensors.items()}
-        return {**result, 'outputs': outputs,
-                'persistence': {'rmse': persistence(self.recording, self.plant)}}
+        result |= {'outputs': outputs,
+                   'persistence': {'rmse': persistence(self.recording, self.plant)}}
+        return {**result, 'states': self.states} if self.states else result
 
     def figure(self, name: str = 'model') -> Figure:
         """Draw how the recording begins, measured and by free run, and the errors."""
@@ -294,7 +297,9 @@ def replay(data: Data, model: Model | Predictor) -> Replay:
         mode: predict(predictor, data.recording.series, mode)
         for mode in modes_of(predictor.model)}, horizon.get('all'),
         sensor_errors(predictor.sensors, data.plant, data.recording)
-        if isinstance(predictor, Analytical) else {})
+        if isinstance(predictor, Analytical) else {},
+        deviations(predictor, data.recording)
+        if isinstance(predictor, Analytical) and predictor.model.noise else {})
 
 
 def _paths(given: Paths) -> list[Path]:

@@ -83,8 +83,6 @@ def _replay(bag: Path, model: Path, output: Path | None, config: Path | None,
     with progress('replaying'):
         replayed = api.replay(data, predictors[model])
     result = replayed.summary()
-    if as_fitted.noise is not None:
-        result['states'] = _known(predictors[model], data.recording)
     if output is not None:
         _write(bag, output, data.recording, replayed.predictions, rig)
         result['output'] = str(output)
@@ -98,24 +96,6 @@ def _replay(bag: Path, model: Path, output: Path | None, config: Path | None,
         write_picture(draw(data.recording, plant, runs, errors), picture)
         result['picture'] = str(picture)
     return result
-
-
-def _known(predictor: Any, recording: Recording) -> dict[str, dict[str, float | None]]:
-    """Say how well the observer knows each state, and what it has without a measurement.
-
-    Returns:
-        Median of the standard deviation after each measurement, and that of the free run, SI
-        units; None of what is no state of the plant.
-    """
-    import numpy as np
-
-    observer, noise = predictor.filter, predictor.model.noise
-    output = predictor.plant.output.name
-    estimates = [observer.run(predictor.inputs(series), series[output], True, series.start)[1]
-                 for series in recording.series]
-    found = np.nanmedian(np.concatenate(estimates)[:, 1], axis=0)
-    return {name: {'std': float(std), 'free_run': noise.start.get(name)}
-            for name, std in zip(observer.names, found, strict=False)}
 
 
 def _write(bag: Path, output: Path, recording: Recording,

@@ -21,6 +21,7 @@ from hydro_twin.recording.series import Series
 if TYPE_CHECKING:
     from hydro_twin.model import Model
     from hydro_twin.predictors.observer import Observer
+    from hydro_twin.recording.series import Recording
 
 HISTORY = 256           # samples of inputs a live run keeps, at least
 
@@ -111,6 +112,26 @@ class Analytical:
         if mode == OBSERVER:
             return Observed(self.filter)
         return FreeRun(self.system) if mode == 'free_run' else OneStep(self)
+
+
+def deviations(predictor: Analytical, recording: Recording
+               ) -> dict[str, dict[str, float | None]]:
+    """Say how well the observer knows each state, and what it has without a measurement.
+
+    Returns:
+        By state 'std', the median of the standard deviation after each measurement, and
+        'free_run', that of the free run, in SI units; None of what is no state of the plant.
+
+    Raises:
+        ModelError: the model has no noise.
+    """
+    observer, output = predictor.filter, predictor.plant.output.name
+    start = predictor.model.noise.start if predictor.model.noise else {}
+    estimates = [observer.run(predictor.inputs(series), series[output], True, series.start)[1]
+                 for series in recording.series]
+    found = np.nanmedian(np.concatenate(estimates)[:, 1], axis=0)
+    return {name: {'std': float(std), 'free_run': start.get(name)}
+            for name, std in zip(observer.names, found, strict=False)}
 
 
 def _first(measured: float) -> float:

@@ -152,10 +152,13 @@ def excited(rng, amplitude=0.3):
 def watching(state):
     """Make a load simulator whose sensor shows one of its states."""
     def equations(p, x, u, port):
-        def through(name, value, **signals):
-            return port(name, getattr(x, state) if name == 'sensor' else value, **signals)
-        through.sensor = port.sensor
-        return LOAD.equations(p, x, u, through)
+        class Through:
+            sensor = port.sensor
+
+            def __call__(self, name, value, **signals):
+                return port(name, getattr(x, state) if name == 'sensor' else value, **signals)
+
+        return LOAD.equations(p, x, u, Through())
     return replace(LOAD, equations=equations)
 
 
