@@ -9,6 +9,8 @@ from hydro_twin.effects import Placed
 from hydro_twin.model import Model
 from hydro_twin.plants import Plant
 
+LARGEST = 700.0         # logarithm of a number that is still finite
+
 
 @dataclass(frozen=True)
 class Unknown:
@@ -31,8 +33,8 @@ class Unknown:
         return math.log(value) if self.log else value / self.scale
 
     def value(self, coordinate: float) -> float:
-        """Map a coordinate back, kept within the bounds against rounding."""
-        raw = math.exp(coordinate) if self.log else coordinate * self.scale
+        """Map a coordinate back, kept within the bounds against rounding, and finite."""
+        raw = math.exp(min(coordinate, LARGEST)) if self.log else coordinate * self.scale
         return min(max(raw, self.lower), self.upper)
 
 

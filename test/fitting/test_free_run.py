@@ -9,6 +9,7 @@ from scipy.integrate import solve_ivp
 
 from hydro_twin.fitting.free_run import Fit, fit_linear
 from hydro_twin.fitting.parts import Part
+from hydro_twin.fitting.unknowns import Unknown
 from hydro_twin.plants.load_simulator import LOAD_SIMULATOR
 
 T, SAMPLES, D_M = 0.002, 1500, 2e-5
@@ -91,3 +92,11 @@ def test_with_noise_the_truth_is_within_three_standard_errors() -> None:
         error = fit.identifiability().std_error
         inside += all(abs(value) < 3 * error[name] for name, value in off(fit).items())
     assert inside >= 38
+
+
+def test_a_search_without_an_upper_bound_stays_finite():
+    """As for a drift whose time constant no recording bounds."""
+    unknown = Unknown('time_constant', '0', 1e-6, math.inf, True)
+    assert unknown.value(unknown.coordinate(5.0)) == pytest.approx(5.0)
+    assert math.isfinite(unknown.value(1e4))
+    assert unknown.value(-1e4) == 1e-6
