@@ -261,7 +261,7 @@ def _proven(chain: Chain, without: Fit, context: Context) -> Chain:
 
     Short held-out data may not prove each of two effects without the other, as a dead zone with a
     limit behind it. Where none would be left, those stay that surely help together, if each is
-    more likely to help than not; of three, the two that also do without what fits need least.
+    more likely to help than not.
 
     Args:
         chain: a model that has grown.
@@ -290,13 +290,7 @@ def _proven(chain: Chain, without: Fit, context: Context) -> Chain:
     if smaller.findings or len(gains) < 2 or not all(gain.relative > 0.0 for gain in gains):
         return smaller
     before = residuals(without, context.held_out)
-    if not improvement(before, after, context.seed).low > 0.0:
-        return smaller
-    for k in sorted(fails, key=lambda k: bare[k].cost) if len(gains) > 2 else ():
-        left = residuals(bare[k], context.held_out)
-        if improvement(before, left, context.seed).low > 0.0:
-            return Chain(bare[k], other_findings(chain, k))
-    return chain
+    return chain if improvement(before, after, context.seed).low > 0.0 else smaller
 
 
 def supported(chain: Chain, without: Fit, context: Context) -> Chain:

@@ -106,19 +106,6 @@ def test_effects_stay_that_are_proven_only_together(both, monkeypatch, bias_help
     assert names(_proven(chain, alone, context)) == left
 
 
-def test_of_three_that_are_proven_only_together_the_needless_one_goes(both, monkeypatch):
-    leakage = ('leakage', 'leakage', {'flow': 1e-7, 'exponent': 0.5})
-    chain, alone, context = grown(both, FRICTION, BIAS, leakage)
-    fails = Improvement(0.3, -0.2, 0.7)
-    helps = iter([Improvement(0.6, 0.03, 0.9), fails, Improvement(0.3, -0.3, 0.7),  # with all
-                  fails, fails, fails, Improvement(0.3, -0.1, 0.9),     # fewer, alone or together
-                  Improvement(0.8, 0.4, 0.9), Improvement(0.8, 0.3, 0.9)])
-    module = 'hydro_twin.residual.chain'
-    monkeypatch.setattr(f'{module}.improvement', lambda *_: next(helps))
-    monkeypatch.setattr(f'{module}._exchange', lambda chain, context, last: chain)
-    assert names(_proven(chain, alone, context)) == ['friction', 'bias']
-
-
 @pytest.mark.slow
 def test_what_stood_beside_an_effect_that_is_dropped_is_chosen_again(both, monkeypatch):
     """A leakage beside a bias may be all that is left, and friction is what is there."""
