@@ -12,37 +12,30 @@ from __future__ import annotations
 
 import argparse
 import contextlib
-from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 import os
 from pathlib import Path
-import queue
 from statistics import median
-import subprocess
 import sys
 import tempfile
-import threading
 from typing import Any
-from urllib.parse import parse_qsl, urlsplit
 
 import numpy as np
 
+from benchmarks.browser import Browser
 from hydro_twin.fleet.manifest import Task
 from hydro_twin.fleet.page import page
 from hydro_twin.fleet.summary import summarise
 from hydro_twin.fleet.task import Outcome
 
 RUNS = 3
-LONGEST = 60.0          # [s] to wait for the browser
 DATES = ('2025-01-01', '2025-04-01', '2025-07-01', '2025-10-01', '2026-01-01')
 NAMES = ('T_y', 'tau', 'T_c / k_1', 'k', 'd', 'backlash at linkage: gap')
 HARNESS = """<script>
 addEventListener('load', () => requestAnimationFrame(() => requestAnimationFrame(() => {
   const {domContentLoadedEventEnd} = performance.getEntriesByType('navigation')[0];
-  new Image().src = `/told?rows=${domContentLoadedEventEnd}&painted=${performance.now()}`;
+  report({rows: domContentLoadedEventEnd, painted: performance.now()});
 })));
 </script>"""
-FLAGS = ('headless', 'no-sandbox', 'disable-gpu', 'no-first-run', 'disable-background-networking',
-         'disable-component-update', 'disable-sync', 'window-size=1400,900')
 
 
 def main() -> int:
@@ -94,39 +87,9 @@ def made_up(rigs: int) -> dict[str, Any]:
 
 def opened(text: str, folder: Path) -> dict[str, float]:
     """Open a page; returns its times [ms], and the processor time of the browser [s]."""
-    told: queue.Queue[dict[str, float]] = queue.Queue()
-
-    class Handler(BaseHTTPRequestHandler):
-        """Serves the page, and hears its times."""
-
-        def do_GET(self) -> None:
-            """Answer the browser."""
-            where = urlsplit(self.path)
-            self.send_response(200)
-            self.send_header('Content-Type', 'text/html; charset=utf-8')
-            self.end_headers()
-            if where.path == '/told':
-                told.put({name: float(value) for name, value in parse_qsl(where.query)})
-            elif where.path == '/':
-                self.wfile.write(text.replace('<head>', f'<head>{HARNESS}').encode())
-
-        def log_message(self, *_: object) -> None:
-            """Say nothing."""
-
-    with ThreadingHTTPServer(('127.0.0.1', 0), Handler) as server:
-        threading.Thread(target=server.serve_forever, daemon=True).start()
-        browser = subprocess.Popen(
-            ['chromium', *(f'--{flag}' for flag in FLAGS),
-             f'--user-data-dir={folder / "profile"}', f'http://127.0.0.1:{server.server_port}/'],
-            stderr=subprocess.DEVNULL, start_new_session=True)
-        try:
-            return told.get(timeout=LONGEST) | {'processor': used(browser.pid)}
-        except queue.Empty:
-            sys.exit('the browser did not open the page')
-        finally:
-            browser.terminate()
-            browser.wait()
-            server.shutdown()
+    with Browser(text, HARNESS, folder) as browser:
+        times: dict[str, float] = browser.reported()
+        return times | {'processor': used(browser.pid)}
 
 
 def used(session: int) -> float:

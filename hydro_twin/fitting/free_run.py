@@ -18,6 +18,7 @@ from hydro_twin.fitting.parallel import in_processes
 from hydro_twin.fitting.parts import Part
 from hydro_twin.fitting.start import Eliminated, Start, without_start
 from hydro_twin.fitting.unknowns import (
+    coordinates_of,
     get,
     label,
     plant_unknowns,
@@ -170,7 +171,7 @@ class Problem:
         box = usual(base.plant)
         edges = [box[u.name] if u.owner == '' else (-math.inf, math.inf) for u in self.unknowns]
         self.low, self.high = np.array(edges).T
-        starts = [u.coordinate(get(base, u)) for u in self.unknowns]
+        starts = coordinates_of(base, self.unknowns)
         self.middle = np.array([0.5 * (low + high) if math.isfinite(low) else start
                                 for (low, high), start in zip(edges, starts, strict=True)])
 
@@ -283,6 +284,10 @@ class Problem:
         return (np.array([edge(u, u.lower) for u in self.unknowns]),
                 np.array([edge(u, u.upper) for u in self.unknowns]))
 
+    def as_it_is(self) -> Fit:
+        """Take the base without a search."""
+        return self.fit(self.at(coordinates_of(self.base, self.unknowns)))
+
     def solve(self, evaluations: int = 40, tolerance: float = 1e-6) -> Fit:
         """Search from the base, within the bounds."""
         return self.fit(self.search(evaluations, tolerance))
@@ -299,7 +304,7 @@ class Problem:
             tolerance: relative reduction of the sum of squares that ends it.
         """
         lower, upper = self.bounds()
-        begin = np.array([u.coordinate(get(self.base, u)) for u in self.unknowns])
+        begin = coordinates_of(self.base, self.unknowns)
         # A hair within the bounds: at one there may be a kink, and its other side counts for
         # nothing, as where a command acts a whole sample early.
         hair = INSIDE * np.maximum(1.0, np.abs(begin))

@@ -5,9 +5,12 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 import math
 
+import numpy as np
+
 from hydro_twin.effects import Placed
 from hydro_twin.model import Model
 from hydro_twin.plants import Plant
+from hydro_twin.plants.plant import FloatArray
 
 LARGEST = 700.0         # logarithm of a number that is still finite
 
@@ -50,6 +53,11 @@ def get(candidate: Model, unknown: Unknown) -> float:
     if unknown.owner == 'timing':
         return candidate.timing.get(unknown.name, 0.0)
     return candidate.effects[int(unknown.owner)].named[unknown.name]
+
+
+def coordinates_of(candidate: Model, unknowns: Sequence[Unknown]) -> FloatArray:
+    """Read the coordinates of unknowns, (d,)."""
+    return np.array([unknown.coordinate(get(candidate, unknown)) for unknown in unknowns])
 
 
 def put(candidate: Model, unknowns: Sequence[Unknown], values: Sequence[float]) -> Model:

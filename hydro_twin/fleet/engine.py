@@ -31,7 +31,7 @@ def dask_executor(scheduler: str, workers: int | None, say: Callable[[str], None
     Args:
         scheduler: address of a scheduler, as 'tcp://10.0.0.1:8786'; '' for a local cluster.
         workers: processes of the local cluster, of one thread each; None: one a core.
-        say: is told the address of the dashboard.
+        say: called with the address of the dashboard.
 
     Raises:
         ModuleNotFoundError: Dask is not installed.

@@ -35,7 +35,7 @@ def trace_fleet(manifest: Path | str, folder: Path | str, *, executor: Executor 
         scheduler: address of a Dask scheduler; '' for a local cluster.
         workers: of the local cluster; None: one a core.
         seed: of all that is random.
-        say: is told how far it is, a line at a time.
+        say: called with the progress, a line at a time.
 
     Returns:
         What fleet.json holds.

@@ -57,7 +57,7 @@ class Keeper:
             store: of the versions.
             get: the value of a parameter.
             announce: called with the name of an event and what is to be said of it.
-            set_model: has the twin run a model file; what comes of it is told to `answered`.
+            set_model: has the twin run a model file; `answered` is called with the outcome.
         """
         self.store, self.get, self.announce = store, get, announce
         self.jobs = Jobs()

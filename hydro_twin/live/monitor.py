@@ -20,7 +20,7 @@ FREEDOM = 30.0          # least degrees of freedom of a batch, for its cube root
 LOW = 8                 # lowest frequencies from which the variance of a batch is taken
 SAFETY = 2.0            # upper 95 % limit of a variance known from `LOW` of them
 LAGS = 10               # at which the innovation's autocorrelation is watched
-COLOUR = 0.1            # share of its mean square that its past predicts, which is to be found
+COLOURED = 1.0          # reference of that watch, in standard deviations of a batch's statistic
 OVERSHOOT = 1.166       # of a normal random walk over two boundaries [Siegmund 1985]
 
 
@@ -68,14 +68,24 @@ def design(square_noise: float, sample_time: float) -> Chart:
     batch = samples * sample_time
     wanted = max(FALSE_ALARM / batch, 10.0)
 
-    def excess(c: float) -> float:
-        return (math.exp(c) - c - 1.0) / (2.0 * k * k) - wanted
-
-    c = brentq(excess, 1e-9, math.log(wanted * 2.0 * k * k + 1.0) + 10.0)
-    threshold = max(c / (2.0 * k) - OVERSHOOT, k)
+    threshold = max(threshold_of(k, wanted), k)
     c = 2.0 * k * (threshold + OVERSHOOT)
     delay = max((math.exp(-c) + c - 1.0) / (2.0 * k * k), 1.0) * batch
     return Chart(samples, freedom, k, threshold, delay)
+
+
+def threshold_of(reference: float, batches: float) -> float:
+    """Find the threshold of a one-sided CUSUM of normal variables [Siegmund 1985].
+
+    Args:
+        reference: that each loses, in its standard deviation.
+        batches: mean number of them between two false alarms.
+    """
+    def excess(c: float) -> float:
+        return (math.exp(c) - c - 1.0) / (2.0 * reference * reference) - batches
+
+    c: float = brentq(excess, 1e-9, math.log(batches * 2.0 * reference * reference + 1.0) + 10.0)
+    return c / (2.0 * reference) - OVERSHOOT
 
 
 def square_noise(residual: np.ndarray) -> float:
@@ -132,12 +142,7 @@ class Colour:
         self.share = math.nan
         self._usual: list[float] = []
         self._cusum = 0.0
-        # Half the way to the score of the colour that is to be found, at the least batch.
-        self._reference = 1.0
-        wanted = FALSE_ALARM / batch
-        c = brentq(lambda c: (math.exp(c) - c - 1.0) / (2.0 * self._reference ** 2) - wanted,
-                   1e-9, 50.0)
-        self._threshold = c / (2.0 * self._reference) - OVERSHOOT
+        self._threshold = threshold_of(COLOURED, FALSE_ALARM / batch)
 
     @property
     def rising(self) -> bool:
@@ -160,7 +165,7 @@ class Colour:
         usual = max(float(np.mean(self._usual or [LAGS])), LAGS)
         spread = 2.0 / (9.0 * LAGS)
         score = (math.cbrt(statistic / usual) - (1.0 - spread)) / math.sqrt(spread)
-        self._cusum = max(0.0, self._cusum + score - self._reference)
+        self._cusum = max(0.0, self._cusum + score - COLOURED)
         return self._cusum > self._threshold
 
 

@@ -66,7 +66,7 @@ def history_page(name: str, rows: Sequence[Row], courses: Sequence[Course],
         name=name, rows=rows, courses=list(zip(courses, drawn, strict=True)),
         champion=next((row for row in rows if row.alias == 'champion'), None),
         short=short, spread=spread, story=story,
-        told=None if story is None else residual_over_time(story),
+        residual=None if story is None else residual_over_time(story),
         data={one.name: plain(one) for one in [
             *drawn, *([] if story is None else [residual_over_time(story)])]})
 

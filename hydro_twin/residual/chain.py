@@ -1,7 +1,7 @@
 """The loop: effects added one after another, until nothing more earns its place."""
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, field, replace
 from itertools import islice
 import math
@@ -75,6 +75,11 @@ class Chain:
     fit: Fit
     findings: tuple[Finding, ...] = ()
 
+    @property
+    def indices(self) -> list[int]:
+        """Of its effects in the candidate."""
+        return [found.index for found in self.findings]
+
 
 @dataclass(frozen=True)
 class Context:
@@ -118,15 +123,15 @@ class Context:
         """Return the best fit known with the effects of this one."""
         return min(fit, self.fits.get(_effects_of(fit.candidate), fit), key=lambda f: f.cost)
 
-    def without(self, chain: Chain, findings: Sequence[Finding]) -> list[Fit]:
-        """Take each effect out by itself, and fit the rest again.
+    def without(self, fit: Fit, indices: Iterable[int]) -> list[Fit]:
+        """Take each of some effects out by itself, and fit the rest again.
 
         From its present values and from those of the best fit known with the same effects: the
         values beside an effect are a poor start without it.
         """
         starts = []
-        for found in findings:
-            bare = chain.fit.candidate.without(found.index)
+        for index in indices:
+            bare = fit.candidate.without(index)
             starts.append([bare])
             if known := self.fits.get(_effects_of(bare)):
                 placed = {_name(p): p for p in known.candidate.effects}
@@ -270,7 +275,7 @@ def _proven(chain: Chain, without: Fit, context: Context) -> Chain:
     """
     if not chain.findings:
         return chain
-    bare = context.without(chain, chain.findings)
+    bare = context.without(chain.fit, chain.indices)
     if len(bare) == 1:
         bare = [min(bare[0], without, key=lambda fit: fit.cost)]
     after = residuals(chain.fit, context.held_out)
@@ -305,7 +310,7 @@ def supported(chain: Chain, without: Fit, context: Context) -> Chain:
     """
     if not chain.findings or not _leaves_something(chain, context):
         return chain
-    bare = context.without(chain, chain.findings) if len(chain.findings) > 1 else [without]
+    bare = context.without(chain.fit, chain.indices) if len(chain.findings) > 1 else [without]
     shares = [explained_share(fit, chain.fit) for fit in bare]
     least = int(np.argmin(shares))
     if shares[least] >= ENOUGH:
@@ -404,7 +409,7 @@ def _exchange(chain: Chain, context: Context, last: bool = False) -> Chain:
     """
     for k, found in enumerate(chain.findings[:None if last else -1]):
         placed = chain.fit.candidate.effects[found.index]
-        (without,), rest = context.without(chain, [found]), other_findings(chain, k)
+        (without,), rest = context.without(chain.fit, [found.index]), other_findings(chain, k)
         with_it, bare = criterion([chain.fit, without])
         if bare < with_it + CLEARLY or share(without, chain.fit) < WORTH:
             return _exchange(Chain(without, rest), context, last)

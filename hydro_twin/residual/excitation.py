@@ -110,9 +110,7 @@ def excitation(recording: Recording, model: Model) -> Excitation:
         parts = excerpt(parts_of(recording, plant), plant, sample_time)
     except DataError as error:
         return Excitation({}, (), 0, (), 0, str(error))
-    problem = Problem(model, searched(model), parts)
-    fit = problem.fit(problem.at(np.array([u.coordinate(get(model, u))
-                                           for u in problem.unknowns]))).main
+    fit = Problem(model, searched(model), parts).as_it_is().main
     noise = noise_floor(by_part(fit))
     # As it would be with nothing left but noise: what there is to be traced must not count.
     fit = replace(fit, residual=noise * np.random.default_rng(0).standard_normal(

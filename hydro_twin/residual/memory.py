@@ -18,7 +18,7 @@ from hydro_twin.fitting.free_run import Fit, Problem
 from hydro_twin.fitting.identifiability import Identifiability, NULL
 from hydro_twin.fitting.parts import Part
 from hydro_twin.fitting.regression import triangle
-from hydro_twin.fitting.unknowns import effect_unknowns, get, label, Unknown
+from hydro_twin.fitting.unknowns import coordinates_of, effect_unknowns, label, Unknown
 from hydro_twin.model import Model
 from hydro_twin.plants.plant import FloatArray
 from hydro_twin.predictors.scores import rms
@@ -59,16 +59,15 @@ def remember(fit: Fit, parts: Sequence[Part], before: Model, earlier: Sequence[P
     if not shared:
         return Remembered(fit, fit.identifiability(), ())
     problem = Problem(before, [fit.unknowns[k] for k in shared], earlier)
-    then = problem.fit(problem.at(_coordinates(before, problem.unknowns)))
-    change = (_coordinates(fit.candidate, fit.unknowns)[shared]
-              - _coordinates(before, problem.unknowns))
+    then = problem.as_it_is()
+    here = coordinates_of(fit.candidate, fit.unknowns)
+    change = here[shared] - coordinates_of(before, problem.unknowns)
     moved = _moved(change, problem.unknowns, fit.identifiability(), then.identifiability())
     kept = [k for k in range(len(shared)) if k not in moved]
     rows = _apart(then.jacobian, kept, moved) / rms(then.residual)
     step = _step(fit, rows, [shared[k] for k in kept], -change[kept])
     again = Problem(fit.candidate, fit.unknowns, parts)
-    found = again.fit(again.at(np.clip(_coordinates(fit.candidate, fit.unknowns) + step,
-                                       *again.bounds())))
+    found = again.fit(again.at(np.clip(here + step, *again.bounds())))
     return Remembered(found, _known(found, then, rows, [shared[k] for k in kept]),
                       tuple(problem.unknowns[k] for k in moved))
 
@@ -79,10 +78,6 @@ def named(candidate: Model, unknown: Unknown) -> str:
         return f'timing of {unknown.name}' if unknown.owner else unknown.name
     effect = candidate.effects[int(unknown.owner)].effect
     return f'{unknown.name} of the {effect.id}'.replace('_', ' ')
-
-
-def _coordinates(candidate: Model, unknowns: Sequence[Unknown]) -> FloatArray:
-    return np.array([u.coordinate(get(candidate, u)) for u in unknowns])
 
 
 def _shared(fit: Fit, before: Model) -> list[int]:

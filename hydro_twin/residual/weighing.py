@@ -16,9 +16,9 @@ from hydro_twin.residual.chain import (
     Context,
     ENOUGH,
     explained_share,
-    Finding,
     finding,
     other_findings,
+    PREDICTED,
 )
 from hydro_twin.residual.curve import (
     explains_most,
@@ -41,12 +41,10 @@ from hydro_twin.residual.select import (
 from hydro_twin.residual.structure import free_curves, predicted_by_ports, shows
 from hydro_twin.result import BestNamed, Dependence
 
-LIKELY = 0.05           # p-value below which the named effects may not explain everything
-
 
 def best_named(chain: Chain, held_out: Sequence[Part]) -> BestNamed:
     """Describe the named effects that a free curve took the place of."""
-    return BestNamed(tuple(chain.fit.candidate.effects[found.index] for found in chain.findings),
+    return BestNamed(tuple(chain.fit.candidate.effects[k] for k in chain.indices),
                      rms(np.concatenate(residuals(chain.fit, held_out))))
 
 
@@ -100,9 +98,8 @@ def read_as_names(chain: Chain, found: FittedCurve, base: Fit, context: Context)
         if outweighs(found.fit, fit, held_out):
             continue
         laws = range(len(chain.fit.candidate.effects), len(fit.candidate.effects))
-        whole = Chain(fit, tuple(Finding(k, 0.0, 1.0, ()) for k in laws))
-        bare = [base] if len(laws) == len(fit.candidate.effects) == 1 else context.without(
-            whole, whole.findings)
+        bare = ([base] if len(laws) == len(fit.candidate.effects) == 1 else
+                context.without(fit, laws))
         if all(explained_share(without, fit) > ENOUGH
                and proof(without, fit, held_out, context.seed).low > 0.0 for without in bare):
             return Chain(fit, (*chain.findings, *(
@@ -131,10 +128,10 @@ def _contested(chain: Chain, parts: Sequence[Part], curves: Sequence[Dependence]
     The named effects may leave structure; or it took one effect at two ports; or one curve, at
     another port or signal, explains most of the first residual.
     """
-    ids = [chain.fit.candidate.effects[found.index].effect.id for found in chain.findings]
+    ids = [chain.fit.candidate.effects[k].effect.id for k in chain.indices]
     if (any(shows(curve) for curve in curves) or len(set(ids)) < len(ids)
             or not is_white(by_part(chain.fit))
-            or predicted_by_ports(chain.fit, parts)[1] < LIKELY):
+            or predicted_by_ports(chain.fit, parts)[1] < PREDICTED):
         return True
     return any(curve.share > ENOUGH and not is_drawn((curve.port, curve.signal), chain.fit,
                                                      at_first) for curve in at_first[:1])
@@ -146,7 +143,7 @@ def _still_needed(chain: Chain, found: FittedCurve, context: Context) -> tuple[C
     The least helpful first. But not one that explains by itself most of what the curve would in
     its place, which then only describes it more finely.
     """
-    bare = context.without(chain, chain.findings)
+    bare = context.without(chain.fit, chain.indices)
     for k in sorted(range(len(bare)), key=lambda k: bare[k].error):
         without = bare[k]
         instead = search(found.fit.candidate.without(chain.findings[k].index), context.parts, 25)

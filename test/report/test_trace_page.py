@@ -4,14 +4,13 @@ from __future__ import annotations
 from dataclasses import replace
 from html.parser import HTMLParser
 import json
-from pathlib import Path
 import re
 import shutil
-import subprocess
 
 import pytest
 from trace_by_hand import EFFECTS, result
 
+from benchmarks.browser import Browser
 from hydro_twin.model import place
 from hydro_twin.report.figures import illustrations
 from hydro_twin.report.page import page, parameter_rows, percent, short, spread
@@ -152,12 +151,12 @@ const wrong = [];
 addEventListener('error', event => wrong.push(event.message));
 for (const level of ['error', 'warn']) console[level] = (...what) => wrong.push(what.join(' '));
 addEventListener('load', () => setTimeout(() => {
-  const told = {};
+  const found = {};
   const pixels = canvas => canvas.toDataURL();
   const figures = [...document.querySelectorAll('figure > div')];
-  told.names = figures.map(figure => figure.id);
-  told.widths = [document.documentElement.scrollWidth, document.documentElement.clientWidth];
-  told.zoomed = figures.map(figure => {
+  found.names = figures.map(figure => figure.id);
+  found.widths = [document.documentElement.scrollWidth, document.documentElement.clientWidth];
+  found.zoomed = figures.map(figure => {
     const canvases = [...figure.querySelectorAll('canvas')], first = canvases[0];
     const whole = figure.querySelector('.bar button');
     const box = first.getBoundingClientRect();
@@ -179,13 +178,12 @@ addEventListener('load', () => setTimeout(() => {
   const first = drawn();
   select.value = '1';
   select.dispatchEvent(new Event('change'));
-  told.other = first !== drawn();
+  found.other = first !== drawn();
   const key = document.querySelector('.legend button'), full = drawn();
   key.click();
-  told.hides = full !== drawn();
-  told.wrong = wrong;
-  document.body.append(Object.assign(document.createElement('pre'),
-    {id: 'told', textContent: JSON.stringify(told)}));
+  found.hides = full !== drawn();
+  found.wrong = wrong;
+  report(found);
 }, 200));
 </script>"""
 
@@ -196,22 +194,12 @@ addEventListener('load', () => setTimeout(() => {
 @pytest.mark.parametrize('found', [True, False])
 def test_opens_in_a_browser_and_zooms(tmp_path, width, found):
     text, _ = written('load_simulator', found)
-    path = tmp_path / 'report.html'
-    path.write_text(text.replace('<head>', f'<head>{HARNESS}'), encoding='utf-8')
-    flags = ['headless', 'no-sandbox', 'disable-gpu', 'disable-quic', 'no-first-run',
-             'disable-background-networking', 'disable-component-update', 'disable-sync',
-             'enable-logging=stderr', f'user-data-dir={tmp_path / "profile"}',
-             f'window-size={width},900', 'virtual-time-budget=5000', 'dump-dom']
-    done = subprocess.run(['chromium', *(f'--{flag}' for flag in flags), path.as_uri()],
-                          capture_output=True, text=True, timeout=120, check=True)
-    assert 'CONSOLE' not in done.stderr
-    match = re.search(r'<pre id="told">(.*?)</pre>', done.stdout)
-    assert match, done.stderr
-    told = json.loads(match[1].replace('&amp;', '&'))
-    assert told['wrong'] == []
-    assert all(told['zoomed'])
-    assert len(told['zoomed']) == (4 if found else 3)
-    assert told['other']
-    assert told['hides']
-    assert told['widths'][0] <= told['widths'][1]           # nothing sticks out to the side
-    assert Path(path).stat().st_size < 2_000_000
+    with Browser(text, HARNESS, tmp_path, width) as browser:
+        there = browser.reported()
+    assert there['wrong'] == []
+    assert all(there['zoomed'])
+    assert len(there['zoomed']) == (4 if found else 3)
+    assert there['other']
+    assert there['hides']
+    assert there['widths'][0] <= there['widths'][1]           # nothing sticks out to the side
+    assert len(text.encode()) < 2_000_000

@@ -78,7 +78,7 @@ def test_the_best_fit_without_an_effect_is_remembered_in_the_order_of_the_chain(
     third = Finding(2, 0.0, 0.5, ())
     lost = Chain(replace(chain.fit, candidate=astray), (*chain.findings, third))
     context.remember(swapped)
-    fit, = context.without(lost, [third])
+    fit, = context.without(lost.fit, [third.index])
     assert [placed.effect.id for placed in fit.candidate.effects] == ['friction', 'bias']
     assert fit.error == pytest.approx(swapped.error, rel=1e-3)
 
