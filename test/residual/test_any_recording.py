@@ -1,16 +1,21 @@
 """Whatever was recorded, a trace ends in a verdict or in one line."""
 from __future__ import annotations
 
+from contextlib import redirect_stdout
 from dataclasses import replace
+from functools import cache
+from io import StringIO
 import json
 import os
 from pathlib import Path
+from tempfile import TemporaryDirectory
 
 from hypothesis import given, HealthCheck, Phase, settings
 from hypothesis import strategies as st
 import numpy as np
 import pytest
 
+from hydro_twin.commands.main import main
 from hydro_twin.errors import UserError
 from hydro_twin.fitting.parts import parts_of
 from hydro_twin.fitting.whiteness import is_white
@@ -31,6 +36,15 @@ from hydro_twin.schema import fault
 
 BAGS = Path(__file__).parents[2] / 'bags'
 SOURCES = (('load_simulator', 'rig_a'), ('valve_servo', 'valve_limit'))
+MAPS = BAGS.parent / 'config' / 'measured'
+MEASURED = tuple((plant, (table, f'{table_map}.yaml')) for plant, table, table_map in (
+    ('positioning', 'positioning/DATA_EMPS.mat', 'positioning'),
+    ('cylinder', 'eha/load1_stroke25mm.csv.gz', 'eha'),
+    ('control_valve', 'water_valve/actuator3_2001-10-11_1h.csv.gz', 'water_valve'),
+    ('load_simulator', 'leg/policy1_sin1Hz.csv.gz', 'leg'),
+    ('cylinder', 'excavator/manual_mitch_1101_2333.csv.gz', 'excavator_boom'),
+    ('cylinder', 'servo_valve_cylinder/steps_3V.csv.gz', 'servo_valve_cylinder'),
+))
 DATA = Path(os.environ.get('HYDRO_TWIN_DATA', 'nowhere'))
 MORE = int(os.environ.get('HYDRO_TWIN_EXAMPLES', '1'))      # times as many, to search for more
 
@@ -73,19 +87,24 @@ HOWS = st.sampled_from(['as it is'] * 4 + ['constant', 'zero', 'huge', 'tiny', '
                                            'bursting'])
 
 
-def cuts(largest):
-    """Draw how one to three series are cut out of a sample bag, and how they are spoilt."""
+def cuts(largest, sources=SOURCES):
+    """Draw how one to three series are cut out of a recording, and how they are spoilt."""
     place = st.floats(0.0, 1.0)
     return st.tuples(
-        st.sampled_from(SOURCES), st.lists(HOWS, min_size=3, max_size=3), st.booleans(),
+        st.sampled_from(sources), st.lists(HOWS, min_size=3, max_size=3), st.booleans(),
         st.lists(st.tuples(place, place, st.integers(60, largest)), min_size=1, max_size=3))
 
 
-def recording_of(drawn):
+def sample(name, bag):
+    """Read a sample bag."""
+    return read([BAGS / bag], rig_of(PLANTS[name]))
+
+
+def recording_of(drawn, whole_of=sample):
     """Make the recording that was drawn; (plant, recording)."""
-    (name, bag), hows, alike, places = drawn
+    (name, source), hows, alike, places = drawn
     plant = PLANTS[name]
-    whole = read([BAGS / bag], rig_of(plant)).series
+    whole = whole_of(name, source).series
     spoilt = dict(zip((signal.name for signal in plant.signals), hows, strict=False))
     series = []
     for which, where, length in places:
@@ -191,6 +210,25 @@ def test_screening_and_curves_are_answered_too(drawn):
 @given(cuts(largest=300))
 def test_a_trace_ends_in_a_verdict_or_one_line(drawn):
     ends(*recording_of(drawn))
+
+
+@pytest.mark.slow
+@pytest.mark.skipif(not (DATA / 'eha').is_dir(), reason='HYDRO_TWIN_DATA is not set')
+@examples(3)
+@given(cuts(largest=300, sources=MEASURED))
+def test_a_trace_of_measured_data_ends_in_a_verdict_or_one_line(drawn):
+    ends(*recording_of(drawn, measured))
+
+
+@cache
+def measured(name, source):
+    """Read a table of measured data, by way of a bag."""
+    table, table_map = source
+    with TemporaryDirectory() as folder, redirect_stdout(StringIO()):
+        bag = Path(folder) / 'bag'
+        assert main(['import', str(DATA / table), '-o', str(bag), '--map', str(MAPS / table_map),
+                     '--json']) == 0
+        return read([bag], rig_of(PLANTS[name]))
 
 
 def ends(plant, recording):
