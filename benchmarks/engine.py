@@ -20,9 +20,9 @@ from threadpoolctl import threadpool_info
 
 from hydro_twin.blas import one_thread
 from hydro_twin.effects import Placed
-from hydro_twin.fitting.free_run import Problem
 from hydro_twin.fitting.output_error import initial_states
 from hydro_twin.fitting.parts import Part
+from hydro_twin.fitting.problem import Problem
 from hydro_twin.fitting.unknowns import effect_unknowns, get, plant_unknowns, timing_unknowns
 from hydro_twin.model import Model, place
 from hydro_twin.plants import plant_named

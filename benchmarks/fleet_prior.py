@@ -21,7 +21,8 @@ import numpy as np
 
 from hydro_twin.api import Data, read_data
 from hydro_twin.commands.main import main as hydro_twin
-from hydro_twin.fitting.free_run import Fit, fit_linear
+from hydro_twin.fitting.fit import Fit
+from hydro_twin.fitting.linear import fit_linear
 from hydro_twin.fitting.parts import parts_of
 from hydro_twin.fitting.unknowns import get, label
 from hydro_twin.fleet.factors import Rows, rows_of

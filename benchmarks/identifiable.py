@@ -15,8 +15,8 @@ from itertools import combinations
 
 import numpy as np
 
-from hydro_twin.fitting.free_run import Problem
 from hydro_twin.fitting.parts import Part
+from hydro_twin.fitting.problem import Problem
 from hydro_twin.fitting.unknowns import get, plant_unknowns
 from hydro_twin.model import Model
 from hydro_twin.plants import Plant, PLANTS

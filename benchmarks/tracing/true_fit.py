@@ -10,9 +10,10 @@ import numpy as np
 from benchmarks.tracing.draws import Built
 from benchmarks.tracing.rigs import BOX, Rig
 from hydro_twin.effects import EFFECTS, Placed
-from hydro_twin.fitting.free_run import Fit, Problem
+from hydro_twin.fitting.fit import Fit
 from hydro_twin.fitting.output_error import residuals
 from hydro_twin.fitting.parts import parts_of
+from hydro_twin.fitting.problem import Problem
 from hydro_twin.fitting.unknowns import effect_unknowns, plant_unknowns, timing_unknowns
 from hydro_twin.model import Model
 from hydro_twin.plants.load_simulator import LOAD_SIMULATOR

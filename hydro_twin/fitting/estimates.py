@@ -7,7 +7,7 @@ from dataclasses import replace
 import math
 from typing import Any
 
-from hydro_twin.fitting.free_run import Fit
+from hydro_twin.fitting.fit import Fit
 from hydro_twin.fitting.identifiability import Identifiability
 from hydro_twin.fitting.unknowns import get, label, Unknown
 from hydro_twin.model import Estimate, Model, Record, Uncertainty

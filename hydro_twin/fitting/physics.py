@@ -9,9 +9,9 @@ import numpy as np
 from hydro_twin.effects import Placed
 from hydro_twin.errors import UserError
 from hydro_twin.fitting.coefficients import coefficients_of
-from hydro_twin.fitting.free_run import fit_linear
 from hydro_twin.fitting.horizon import moving_windows
 from hydro_twin.fitting.identifiability import assess, Identifiability
+from hydro_twin.fitting.linear import fit_linear
 from hydro_twin.fitting.one_step import at_bound, Coefficients, least_squares, sensitivities
 from hydro_twin.fitting.outputs import sensors_in
 from hydro_twin.fitting.parts import parts_of

@@ -124,25 +124,25 @@ def find_start(system: System, tangent: Tangent, response: FloatArray, inputs: F
         power = float(missed @ missed)
         return _At(state, missed, power if math.isfinite(power) else math.inf)
 
-    def gain(columns: FloatArray, held: float) -> FloatArray:
-        """Return how far an output missed by one moves the state, (n + memory, N)."""
+    def explained(missed: FloatArray, columns: FloatArray, held: float) -> FloatArray:
+        """Return the coordinates that explain what outputs (N, K) miss, (n + memory, K)."""
         if not np.isfinite(columns).all():
-            return np.zeros(columns.T.shape)
+            return np.zeros((len(scale), missed.shape[1]))
         normal = columns.T @ columns
         ridge = (held * size) ** 2 + 1e-12 * np.trace(normal)
-        found: FloatArray = scale[:, None] * np.linalg.solve(
-            normal + max(ridge, 1e-300) * np.eye(len(scale)), columns.T)
+        found: FloatArray = np.linalg.solve(
+            normal + max(ridge, 1e-300) * np.eye(len(scale)), columns.T @ missed)
         return found
 
     def step(here: _At, columns: FloatArray, held: float, enough: float) -> _At:
         """Move the state if that leaves little enough of the mean square."""
         if not np.isfinite(here.power):
             return here
-        moved = gain(columns, held) @ here.missed
-        predicted = here.missed - columns[:, every] @ (moved[every] / scale[every])
+        moved = explained(here.missed[:, None], columns, held)[:, 0]
+        predicted = here.missed - columns @ moved
         if not predicted @ predicted < enough * here.power:
             return here
-        there = at(here.state + moved)
+        there = at(here.state + scale * moved)
         return there if there.power < enough * here.power else here
 
     def slopes(here: _At, free: IntArray) -> FloatArray:
@@ -154,9 +154,9 @@ def find_start(system: System, tangent: Tangent, response: FloatArray, inputs: F
         return columns
 
     def search(here: _At, free: IntArray) -> tuple[_At, FloatArray]:
-        """Search from a state along free coordinates; returns also the gain at the end."""
+        """Search from a state along free coordinates; returns also the slopes at the end."""
         # What sticks at rest has no derivative there: first by the linear laws, if it moves.
-        here = step(here, linear, HELD, MOVES)
+        here, columns = step(here, linear, HELD, MOVES), linear
         for _ in range(STEPS):
             columns, before = slopes(here, free), here
             for held in DAMPED:
@@ -164,12 +164,12 @@ def find_start(system: System, tangent: Tangent, response: FloatArray, inputs: F
                     here = step(here, columns, held, NEARER)
             if here is before:
                 break
-        return here, gain(columns, HELD)
+        return here, columns
 
     here = at(np.concatenate([rest, np.zeros(len(width))]))
     if len(system.step.effects) == 0:
         return _start(step(here, linear, HELD, 1.0), n)
-    best, follows = search(here, every[every < n])
+    best, columns = search(here, every[every < n])
     if best.power > (NEAR * size) ** 2 * len(measured):
         sides = [best.state + side * unit for unit in units[:n] for side in (-1.0, 1.0)]
         for i in np.flatnonzero(width):
@@ -177,14 +177,14 @@ def find_start(system: System, tangent: Tangent, response: FloatArray, inputs: F
                       for value in (*kept[i], kept[i].mean())]
         begun = np.array(sides)
         missed = measured - system.run_each(inputs, begun)
-        begun += np.nan_to_num(missed) @ follows.T
+        begun += (scale[:, None] * explained(np.nan_to_num(missed).T, columns, HELD)).T
         missed = measured - system.run_each(inputs, begun)
         powers = np.nan_to_num(np.sum(missed**2, axis=1), nan=math.inf)
         there = at(begun[int(np.argmin(powers))])
         if there.power < NEARER * best.power:
-            there, others = search(there, every)
+            there, _ = search(there, every)
             if there.power < MOVES * best.power:
-                best, follows = there, others
+                best = there
     return _start(best, n)
 
 

@@ -9,20 +9,17 @@ import math
 import numpy as np
 
 from hydro_twin.effects import Effect, Placed
-from hydro_twin.fitting.free_run import Fit
+from hydro_twin.fitting.fit import Fit
 from hydro_twin.fitting.output_error import initial_states
 from hydro_twin.fitting.parts import Part
 from hydro_twin.model import Model
 from hydro_twin.predictors.scores import rms
+from hydro_twin.residual.criterion import by_part, CLEARLY, criterion, gain_p_value
 from hydro_twin.residual.noise import noise_floor
 from hydro_twin.residual.proof import improvement, proof, residuals
 from hydro_twin.residual.select import (
     Alternative,
-    by_part,
-    CLEARLY,
-    criterion,
     fit_alternatives,
-    gain_p_value,
     is_distinguishable,
     refine,
     search,

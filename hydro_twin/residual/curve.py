@@ -8,16 +8,17 @@ import numpy as np
 
 from hydro_twin.effects import Placed
 from hydro_twin.effects.curve import curve, KNOTS, values
-from hydro_twin.fitting.free_run import Fit
+from hydro_twin.fitting.fit import Fit
 from hydro_twin.fitting.parts import Part
 from hydro_twin.model import Model
 from hydro_twin.plants import Port
 from hydro_twin.predictors.system import signal_row
+from hydro_twin.residual.criterion import CLEARLY, criterion, gain_p_value
 from hydro_twin.residual.noise import COLOURED, noise_floor
 from hydro_twin.residual.passing import passing
 from hydro_twin.residual.proof import proof, residuals
 from hydro_twin.residual.screen import spans
-from hydro_twin.residual.select import CLEARLY, criterion, free_run_error, gain_p_value, search_all
+from hydro_twin.residual.select import free_run_error, search_all
 from hydro_twin.residual.structure import predicted_by_ports, shows
 from hydro_twin.result import Dependence, Improvement
 

@@ -8,7 +8,7 @@ import numpy as np
 from scipy.linalg import null_space
 
 from hydro_twin.fitting.estimates import combination_estimates, fitted_model
-from hydro_twin.fitting.free_run import Fit
+from hydro_twin.fitting.fit import Fit
 from hydro_twin.fitting.horizon import HORIZON, horizon_errors
 from hydro_twin.fitting.identifiability import Identifiability
 from hydro_twin.fitting.noise import estimate_noise

@@ -4,7 +4,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
-from hydro_twin.fitting.free_run import Fit
+from hydro_twin.fitting.fit import Fit
 from hydro_twin.fitting.identifiability import Identifiability
 from hydro_twin.fitting.parts import Part
 from hydro_twin.plants import Plant

@@ -13,7 +13,7 @@ import math
 
 import numpy as np
 
-from hydro_twin.fitting.free_run import Fit
+from hydro_twin.fitting.fit import Fit
 from hydro_twin.fitting.horizon import horizon_windows, windows
 from hydro_twin.fitting.output_error import initial_states
 from hydro_twin.fitting.parts import least_samples, Part

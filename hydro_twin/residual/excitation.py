@@ -12,18 +12,20 @@ import numpy as np
 import numpy.typing as npt
 
 from hydro_twin.errors import DataError
-from hydro_twin.fitting.free_run import Fit, Problem
+from hydro_twin.fitting.fit import Fit
 from hydro_twin.fitting.identifiability import UNKNOWN
 from hydro_twin.fitting.parts import parts_of
+from hydro_twin.fitting.problem import Problem
 from hydro_twin.fitting.unknowns import get, put, Unknown
 from hydro_twin.model import Model
 from hydro_twin.plants.plant import FloatArray
 from hydro_twin.predictors.scores import rms
 from hydro_twin.recording.series import Recording
+from hydro_twin.residual.criterion import by_part
 from hydro_twin.residual.excerpt import excerpt
 from hydro_twin.residual.noise import noise_floor
 from hydro_twin.residual.screen import spans, visible
-from hydro_twin.residual.select import by_part, searched
+from hydro_twin.residual.select import searched
 from hydro_twin.result import Hidden
 
 KNOWN = 0.25            # relative error that is enough: a change by half is then beyond two errors

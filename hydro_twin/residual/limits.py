@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from hydro_twin.fitting.free_run import Fit
+from hydro_twin.fitting.fit import Fit
 from hydro_twin.fitting.output_error import free_run
 from hydro_twin.fitting.parts import Part
 from hydro_twin.fitting.unknowns import label, put, Unknown

@@ -14,9 +14,10 @@ from statistics import NormalDist
 
 import numpy as np
 
-from hydro_twin.fitting.free_run import Fit, Problem
+from hydro_twin.fitting.fit import Fit
 from hydro_twin.fitting.identifiability import Identifiability, NULL
 from hydro_twin.fitting.parts import Part
+from hydro_twin.fitting.problem import Problem
 from hydro_twin.fitting.regression import triangle
 from hydro_twin.fitting.unknowns import coordinates_of, effect_unknowns, label, Unknown
 from hydro_twin.model import Model

@@ -5,7 +5,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from hydro_twin.fitting.free_run import Fit
+from hydro_twin.fitting.fit import Fit
 from hydro_twin.fitting.output_error import fitted_residuals
 from hydro_twin.fitting.parts import Part
 from hydro_twin.plants.plant import FloatArray

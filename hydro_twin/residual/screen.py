@@ -14,7 +14,7 @@ import math
 import numpy as np
 
 from hydro_twin.effects import Effect, EFFECTS, Placed, sites, Span
-from hydro_twin.fitting.free_run import Fit
+from hydro_twin.fitting.fit import Fit
 from hydro_twin.fitting.output_error import free_run, initial_states, residuals_from
 from hydro_twin.fitting.parallel import in_processes
 from hydro_twin.fitting.parts import Part, travel_of

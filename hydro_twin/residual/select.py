@@ -8,43 +8,44 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
-from functools import partial
 from itertools import compress, islice, takewhile
 import math
 
 import numpy as np
-from scipy import stats
 
 from hydro_twin.effects import Placed
-from hydro_twin.fitting.equation_error import one_step_values
-from hydro_twin.fitting.free_run import Fit, Problem, solve_all
-from hydro_twin.fitting.horizon import between_ends
-from hydro_twin.fitting.output_error import initial_states, residuals, residuals_from
+from hydro_twin.fitting.fit import Fit
+from hydro_twin.fitting.linear import SUBSTEPS
+from hydro_twin.fitting.output_error import residuals
 from hydro_twin.fitting.parallel import in_processes
 from hydro_twin.fitting.parts import Part
+from hydro_twin.fitting.problem import Problem, solve_all
 from hydro_twin.fitting.unknowns import (
     effect_unknowns,
     plant_unknowns,
     timing_unknowns,
     Unknown,
-    usual,
 )
 from hydro_twin.fitting.whiteness import is_white
-from hydro_twin.model import Model, place
-from hydro_twin.plants.plant import FloatArray
+from hydro_twin.model import Model
 from hydro_twin.predictors.scores import rms
-from hydro_twin.residual.noise import autoregression, whiten
+from hydro_twin.residual.criterion import by_part, CLEARLY, criterion
 from hydro_twin.residual.screen import places, Prospect, screen, spans
-from hydro_twin.residual.structure import drift, drifting, drifts
+from hydro_twin.residual.starts import (
+    drift_starts,
+    linear_starts,
+    nearest,
+    relocated,
+    shortlist,
+    with_effect,
+)
 
-AGAIN = 5               # effects with the best scores that are searched from two starting points
-RACING, LEADING = 4, 10     # evaluations of every search; effects that are then searched on
+LEADING, RACING = 10, 4     # effects that promise most; evaluations from two starts of each
 KEPT = 4                # effects that are fitted to convergence
 SHORT, LONG = 10, 40    # evaluations of a search: to compare, to converge
 WITHIN = 3.0            # ratio to the lowest error beyond which no refinement makes up for it
 HOPELESS = 5.0          # and beyond which no longer search does
 PROMISING = 20.0        # likelihood ratio below which a score is chance
-CLEARLY = 10.0          # difference of the BIC from which one law is preferred to another
 
 
 @dataclass(frozen=True)
@@ -62,19 +63,6 @@ class Alternative:
     def id(self) -> str:
         """Its id."""
         return self.placed.effect.id
-
-
-def by_part(fit: Fit) -> list[FloatArray]:
-    """Split the residual of the output of a fit into its parts."""
-    return by_output(fit)[0]
-
-
-def by_output(fit: Fit) -> list[list[FloatArray]]:
-    """Split the residual of a fit into those of the output, and of each sensor, by part."""
-    pieces = np.split(fit.residual, np.cumsum(fit.lengths)[:-1])
-    outputs = fit.outputs or (0,) * len(pieces)
-    return [[piece / scale for piece, output in zip(pieces, outputs, strict=True) if output == q]
-            for q, scale in enumerate(fit.scales)]
 
 
 def search(candidate: Model, parts: Sequence[Part], evaluations: int) -> Fit:
@@ -107,41 +95,6 @@ def searched(candidate: Model) -> list[Unknown]:
     for index, placed in enumerate(candidate.effects[held:], held):
         unknowns += effect_unknowns(index, placed)
     return unknowns
-
-
-def criterion(fits: Sequence[Fit]) -> list[float]:
-    """BIC of fits to the same parts, their residuals whitened by the filters of the best.
-
-    N ln(S/N) + d ln N, with S the sum of squares and d the number of unknowns that are not at
-    a bound; the first summed over the output and the sensors, each with a filter of its own.
-    """
-    best = min(fits, key=lambda fit: fit.cost)
-    filters = [autoregression(pieces) for pieces in by_output(best)]
-    values = []
-    for fit in fits:
-        whites = [whiten(*some) for some in zip(by_output(fit), filters, strict=True)]
-        pulled = 1.0 + fit.pulled / max(float(fit.residual @ fit.residual), 1e-300)
-        free = len(fit.unknowns) - len(fit.at_bound())
-        values.append(sum(len(white) * math.log(max(pulled * float(white @ white), 1e-300)
-                                                / len(white)) for white in whites if len(white))
-                      + free * math.log(sum(map(len, whites))))
-    return values
-
-
-def gain_p_value(before: Fit, after: Fit, tried: int) -> float:
-    """Likelihood-ratio test of what the last effect adds, times the number of effects tried."""
-    ratio = sum(likelihood_gain(*some) for some in zip(by_output(before), by_output(after),
-                                                       strict=True))
-    added = max(1, len(after.unknowns) - len(before.unknowns))
-    log_p = float(stats.chi2.logsf(max(ratio, 0.0), added)) + math.log(tried)
-    return min(1.0, math.exp(max(log_p, -700.0)))
-
-
-def likelihood_gain(before: Sequence[FloatArray], after: Sequence[FloatArray]) -> float:
-    """Twice the gain of the log-likelihood, residuals whitened by the filter of the latter."""
-    filter_ = autoregression(after)
-    a, b = (whiten(pieces, filter_) for pieces in (before, after))
-    return len(a) * math.log(max(float(a @ a), 1e-300) / max(float(b @ b), 1e-300))
 
 
 def fit_alternatives(base: Fit, parts: Sequence[Part], times: tuple[float, float], most: int,
@@ -183,23 +136,32 @@ def fit_alternatives(base: Fit, parts: Sequence[Part], times: tuple[float, float
 
 def race(candidates: Sequence[Model], parts: Sequence[Part],
          progress: Callable[[str], None]) -> list[Fit]:
-    """Search from every candidate for a few evaluations, then on from the leading ones.
+    """Search for a few evaluations from the candidates that promise most; best first.
 
-    Successive halving [Jamieson and Talwalkar 2016], in one step, of the best search of each
-    effect at each port. The others stay as they are. What hides may lead only in the end, so it
-    always goes on.
+    Successive halving [Jamieson and Talwalkar 2016] by effects and ports: first by what a linear
+    step from each candidate would leave; then, after a few evaluations, the better of two
+    candidates goes on. The others stay as they are. What hides may lead only after a search, so it
+    always goes on. The evaluations that only rank take few steps in a sample.
     """
-    tried = []
-    for fit in search_all(candidates, parts, RACING):
-        last = fit.candidate.effects[-1]
+    problems = _problems([replace(candidate, substeps=min(candidate.substeps, SUBSTEPS))
+                          for candidate in candidates], parts)
+    promises = []
+    for problem, (here, leaves) in zip(problems, in_processes(Problem.linear_prediction, problems),
+                                       strict=True):
+        last = problem.base.effects[-1]
         progress(f'{last.effect.id} at {last.port.name}')
-        tried.append(fit)
-    tried = best_at_each_place(tried)
-    goes_on = [rank < LEADING or fit.candidate.effects[-1].effect.hides
-               for rank, fit in enumerate(tried)]
-    further = search_all([fit.candidate for fit in compress(tried, goes_on)], parts,
+        promises.append((leaves, problem.fit(here)))
+    ranked = at_each_place([fit for _, fit in sorted(promises, key=lambda one: one[0])])
+    goes_on = [rank < LEADING or fits[0].candidate.effects[-1].effect.hides
+               for rank, fits in enumerate(ranked)]
+    two = [fits[:2] for fits in compress(ranked, goes_on)]
+    short = search_all([fit.candidate for fits in two for fit in fits], parts, RACING)
+    better = [best_first(list(islice(short, len(fits))))[0] for fits in two]
+    substeps = max((candidate.substeps for candidate in candidates), default=SUBSTEPS)
+    further = search_all([replace(fit.candidate, substeps=substeps) for fit in better], parts,
                          SHORT - RACING)
-    return [next(further) if goes else fit for fit, goes in zip(tried, goes_on, strict=True)]
+    return best_first([*further, *(
+        fits[0] for fits, goes in zip(ranked, goes_on, strict=True) if not goes)])
 
 
 def nothing_shows(base: Fit, prospects: Sequence[Prospect]) -> bool:
@@ -208,83 +170,24 @@ def nothing_shows(base: Fit, prospects: Sequence[Prospect]) -> bool:
     return most * len(base.residual) < PROMISING and is_white(by_part(base))
 
 
-def with_effect(candidate: Model, placed: Placed) -> Model:
-    """Add an effect; a delay takes the place of the timing."""
-    return replace(candidate, effects=(*candidate.effects, placed),
-                   timing={} if placed.effect.shifts else candidate.timing)
-
-
-def linear_starts(candidate: Model, parts: Sequence[Part]) -> list[Model]:
-    """List linear models to start from: the middle of the box, and fits by the one-step error.
-
-    The missing effect may bias the fit of the free run so much that no search leads back. Where
-    the plant integrates, samples at the ends of its travel would make the gain zero, so there is a
-    fit to those between, too.
-    """
-    plant = candidate.plant
-    middle = {name: math.exp(0.5 * (low + high)) for name, (low, high) in usual(plant).items()}
-    fitted = [parts, between_ends(parts, candidate.sample_time)] if plant.integrates else [parts]
-    by_one_step = [one_step_values(plant, some, candidate.values, candidate.sample_time)
-                   for some in fitted if some]
-    return [replace(candidate, values={**candidate.values, **values}, timing={})
-            for values in (middle, *by_one_step) if values is not None]
-
-
-def drift_starts(base: Fit, parts: Sequence[Part], times: tuple[float, float]
-                 ) -> list[Model]:
-    """Let each parameter drift at the rate that the residual says, if it says that any does."""
-    if not drifts(drift(base, parts)):
-        return []
-    rates, plant = drifting(base, parts), base.candidate.plant
-    return [with_effect(base.candidate, place(effect.id, port.name, {
-                'rate': rates[port.name], 'begin': times[0], 'end': times[1]}, plant))
-            for effect, port in places(plant, base.candidate.effects, parameters=True)
-            if effect.course is not None and rates.get(port.name)]
-
-
-def with_each(linear: Model, parts: Sequence[Part]) -> list[Model]:
-    """Add each effect at each port to a model, from each of its starts."""
-    reach = spans(linear, parts)
-    return [with_effect(linear, Placed(effect, port, tuple(values)))
-            for effect, port in places(linear.plant, linear.effects)
-            for values in effect.starts(reach[port])]
-
-
-def nearest(models: Sequence[Model], parts: Sequence[Part]) -> list[Model]:
-    """Add each effect at each port to the model, and from the start, of the lowest error."""
-    best: dict[tuple[str, str], tuple[float, Model]] = {}
-    for model in models:
-        tried = with_each(model, parts)
-        states = [start.x for start in initial_states(model, parts)]
-        for candidate, misses in zip(
-                tried, in_processes(partial(_missed, parts=parts, states=states), tried),
-                strict=True):
-            last = candidate.effects[-1]
-            place = last.effect.id, last.port.name
-            if place not in best or misses < best[place][0]:
-                best[place] = misses, candidate
-    return [candidate for _, candidate in best.values()]
-
-
-def _missed(candidate: Model, parts: Sequence[Part], states: Sequence[FloatArray]) -> float:
-    """RMS of the residual from given initial states, 1e30 where the run diverges."""
-    return rms(np.nan_to_num(np.concatenate(residuals_from(candidate, parts, states)), nan=1e30))
-
-
 def free_run_error(candidate: Model, parts: Sequence[Part]) -> float:
     """RMS of the residual at the present values, 1e30 where the run diverges."""
     return rms(np.nan_to_num(np.concatenate(residuals(candidate, parts)), nan=1e30))
 
 
-def finish(base: Fit, tried: Sequence[Fit], parts: Sequence[Part],
+def finish(base: Fit, ranked: Sequence[Fit], parts: Sequence[Part],
            most_error: float = math.inf) -> list[Alternative]:
     """Fit the best to convergence, refine their last effects, and rank all of them.
 
     The law of the best is tried at its other ports, too, from its fit and from the base: the
-    search from its own start there may have ended in a local minimum. What leaves more than
-    `most_error` after the race stays as it is.
+    search from its own start there may have ended in a local minimum.
+
+    Args:
+        base: the fit without the effect.
+        ranked: one fit of each effect at each port, best first.
+        parts: the data to fit.
+        most_error: what leaves more after the race stays as it is.
     """
-    ranked = best_at_each_place(tried)
     most_error = min(most_error, HOPELESS * ranked[0].error)
     kept = list(takewhile(lambda fit: fit.error <= most_error, ranked[:KEPT]))
     longer = list(search_all([fit.candidate for fit in kept], parts, LONG))
@@ -295,7 +198,7 @@ def finish(base: Fit, tried: Sequence[Fit], parts: Sequence[Part],
         moved = relocated(best.candidate, parts)
         moved += [replace(base.candidate, effects=there.effects) for there in moved]
         done += search_all(moved, parts, LONG)
-    fits = [fit for fit in best_at_each_place(done + ranked[len(kept):])
+    fits = [fit for fit in best_at_each_place([*done, *ranked[len(kept):]])
             if is_distinguishable(fit, parts)]
     if not fits:
         return []
@@ -318,27 +221,23 @@ def simplest_first(alternatives: list[Alternative], scores: Sequence[float]) -> 
     return alternatives
 
 
+def best_first(fits: Sequence[Fit]) -> list[Fit]:
+    """Sort fits by their cost."""
+    return sorted(fits, key=lambda fit: fit.cost)
+
+
+def at_each_place(fits: Sequence[Fit]) -> list[list[Fit]]:
+    """Group fits by their last effect and its port, in the order of the first of each group."""
+    groups: dict[tuple[str, str], list[Fit]] = {}
+    for fit in fits:
+        last = fit.candidate.effects[-1]
+        groups.setdefault((last.effect.id, last.port.name), []).append(fit)
+    return list(groups.values())
+
+
 def best_at_each_place(fits: Sequence[Fit]) -> list[Fit]:
     """Keep the best fit with each last effect at each port, best first."""
-    best: dict[tuple[str, str], Fit] = {}
-    for fit in sorted(fits, key=lambda fit: fit.cost):
-        last = fit.candidate.effects[-1]
-        best.setdefault((last.effect.id, last.port.name), fit)
-    return list(best.values())
-
-
-def relocated(candidate: Model, parts: Sequence[Part]) -> list[Model]:
-    """Move the last effect to each other port where it can sit, scaled to the signal there."""
-    *others, last = candidate.effects
-    reach = spans(candidate, parts)
-    moved = []
-    for effect, port in places(candidate.plant, others, last.effect.course is not None):
-        if effect is last.effect and port != last.port:
-            ratio = reach[port].value / reach[last.port].value
-            values = tuple(v * ratio if p.unit == 'value' else v
-                           for p, v in zip(effect.parameters, last.values, strict=True))
-            moved.append(replace(candidate, effects=(*others, Placed(effect, port, values))))
-    return moved
+    return [group[0] for group in at_each_place(best_first(fits))]
 
 
 def refine(fits: Sequence[Fit], parts: Sequence[Part], index: int = -1) -> list[Fit]:
@@ -400,13 +299,3 @@ def is_distinguishable(fit: Fit, parts: Sequence[Part], index: int = -1) -> bool
         spans(fit.candidate, parts)[placed.port], placed.values)
 
 
-def shortlist(prospects: Sequence[Prospect], most: int) -> list[Placed]:
-    """Take the effects of the best scores: two starts for the first few, one for the others."""
-    starts: dict[tuple[str, str, str], list[Placed]] = {}
-    for prospect in prospects:
-        placed = prospect.placed
-        starts.setdefault((placed.effect.id, placed.port.name, placed.port.kind), []).append(
-            placed)
-    return [placed for rank, some in enumerate(starts.values())
-            for placed in some[:2 if rank < AGAIN else 1]
-            if rank < most or placed.effect.hides]

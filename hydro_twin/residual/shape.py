@@ -14,14 +14,14 @@ from scipy import signal
 from scipy.linalg import block_diag
 
 from hydro_twin.effects import Course, Placed
-from hydro_twin.fitting.free_run import Fit
+from hydro_twin.fitting.fit import Fit
 from hydro_twin.fitting.output_error import residuals
 from hydro_twin.fitting.parts import Part
 from hydro_twin.plants.plant import FloatArray
 from hydro_twin.predictors.scores import rms
+from hydro_twin.residual.criterion import by_part
 from hydro_twin.residual.noise import autoregression, whiten
 from hydro_twin.residual.passing import Passing, passing
-from hydro_twin.residual.select import by_part
 from hydro_twin.residual.structure import BLOCK, hats, times, to_output
 from hydro_twin.result import FreeCurve, OverTime, Profile, Shape
 

@@ -13,7 +13,7 @@ import numpy as np
 from scipy import signal, stats
 
 from hydro_twin.effects.curve import KNOTS
-from hydro_twin.fitting.free_run import Fit
+from hydro_twin.fitting.fit import Fit
 from hydro_twin.fitting.output_error import free_run
 from hydro_twin.fitting.parts import Part
 from hydro_twin.fitting.unknowns import label

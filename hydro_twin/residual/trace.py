@@ -7,8 +7,9 @@ from dataclasses import replace
 import numpy as np
 
 from hydro_twin.blas import one_thread
-from hydro_twin.fitting.free_run import Fit, fit_linear
+from hydro_twin.fitting.fit import Fit
 from hydro_twin.fitting.horizon import errors_over_horizon
+from hydro_twin.fitting.linear import fit_linear
 from hydro_twin.fitting.outputs import sensors_in
 from hydro_twin.fitting.parts import least_samples, Part, parts_of, with_travel
 from hydro_twin.fitting.whiteness import is_white
@@ -26,6 +27,7 @@ from hydro_twin.residual.chain import (
     supported,
     without_last,
 )
+from hydro_twin.residual.criterion import by_part, CLEARLY, criterion
 from hydro_twin.residual.curve import FittedCurve
 from hydro_twin.residual.evaluate import result_of
 from hydro_twin.residual.evidence import Evidence
@@ -36,9 +38,6 @@ from hydro_twin.residual.noise import bursts, larger_by_chance, lines, noise_flo
 from hydro_twin.residual.proof import improvement, proof, residuals
 from hydro_twin.residual.screen import hidden
 from hydro_twin.residual.select import (
-    by_part,
-    CLEARLY,
-    criterion,
     fit_alternatives,
     free_run_error,
     search,

@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 
 from hydro_twin.effects import Placed
-from hydro_twin.fitting.free_run import Fit
+from hydro_twin.fitting.fit import Fit
 from hydro_twin.fitting.parts import Part
 from hydro_twin.fitting.whiteness import is_white
 from hydro_twin.predictors.scores import rms
@@ -20,6 +20,7 @@ from hydro_twin.residual.chain import (
     other_findings,
     PREDICTED,
 )
+from hydro_twin.residual.criterion import by_part, CLEARLY, criterion
 from hydro_twin.residual.curve import (
     explains_most,
     find_curve,
@@ -30,14 +31,7 @@ from hydro_twin.residual.curve import (
 )
 from hydro_twin.residual.proof import proof, residuals
 from hydro_twin.residual.reading import readings
-from hydro_twin.residual.select import (
-    by_part,
-    CLEARLY,
-    criterion,
-    LONG,
-    search,
-    search_all,
-)
+from hydro_twin.residual.select import LONG, search, search_all
 from hydro_twin.residual.structure import free_curves, predicted_by_ports, shows
 from hydro_twin.result import BestNamed, Dependence
 

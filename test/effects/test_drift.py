@@ -7,8 +7,8 @@ import pytest
 from scipy.linalg import expm
 
 from hydro_twin.effects.drift import factor, slopes
-from hydro_twin.fitting.free_run import Problem
 from hydro_twin.fitting.parts import Part
+from hydro_twin.fitting.problem import Problem
 from hydro_twin.fitting.unknowns import effect_unknowns, get, plant_unknowns
 from hydro_twin.model import Model, Noise, place, read_model, write_model
 from hydro_twin.plants import PLANTS

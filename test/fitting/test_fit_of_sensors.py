@@ -4,10 +4,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from hydro_twin.fitting.free_run import Problem
 from hydro_twin.fitting.output_error import fitted_residuals
 from hydro_twin.fitting.outputs import sensors_in
 from hydro_twin.fitting.parts import Part
+from hydro_twin.fitting.problem import Problem
 from hydro_twin.fitting.unknowns import plant_unknowns
 from hydro_twin.model import Model
 from hydro_twin.plants import PLANTS

@@ -3,8 +3,8 @@ import numpy as np
 import pytest
 from trace_by_hand import candidate, parts
 
-from hydro_twin.fitting.free_run import Problem
 from hydro_twin.fitting.identifiability import assess
+from hydro_twin.fitting.problem import Problem
 from hydro_twin.fitting.unknowns import get, label, plant_unknowns
 from hydro_twin.fleet.factors import Rows, rows_of, together
 

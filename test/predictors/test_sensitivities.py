@@ -9,8 +9,8 @@ from scipy.integrate import solve_ivp
 from scipy.linalg import expm
 
 from hydro_twin.effects import EFFECTS, Placed, sites
-from hydro_twin.fitting.free_run import Problem
 from hydro_twin.fitting.parts import Part
+from hydro_twin.fitting.problem import Problem
 from hydro_twin.fitting.unknowns import effect_unknowns, get, plant_unknowns, timing_unknowns
 from hydro_twin.model import Model
 from hydro_twin.plants import PLANTS

@@ -24,12 +24,13 @@ from hydro_twin.plants import PLANTS
 from hydro_twin.recording.rig import read, rig_of
 from hydro_twin.recording.series import Recording, Series
 from hydro_twin.report.summary import summarise
+from hydro_twin.residual.criterion import by_part
 from hydro_twin.residual.curve import find_curve
 from hydro_twin.residual.excerpt import excerpt, harmless_factor, thin
 from hydro_twin.residual.noise import bursts, lines, noise_floor
 from hydro_twin.residual.proof import proof
 from hydro_twin.residual.screen import hidden, screen
-from hydro_twin.residual.select import by_part, search
+from hydro_twin.residual.select import search
 from hydro_twin.residual.structure import dependences, drift, free_curves, predicted_by_ports
 from hydro_twin.residual.trace import trace
 from hydro_twin.schema import fault

@@ -14,7 +14,8 @@ from hydro_twin.model import Model, place, read_model, write_model
 from hydro_twin.recording.signals import load_signals
 from hydro_twin.recording.write import write_recording
 from hydro_twin.residual.memory import named, remember
-from hydro_twin.residual.select import search, with_effect
+from hydro_twin.residual.select import search
+from hydro_twin.residual.starts import with_effect
 
 FRICTION = ('friction', 'motor', {'coulomb': 6.0})
 QUIET = {'seed': 5, 'count': 1, 'duration': 2.5, 'amplitude': 0.03}    # says little by itself

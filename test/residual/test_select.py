@@ -7,7 +7,8 @@ import pytest
 from traced_rig import fitted, PLANT, record, VALUES
 
 from hydro_twin.model import place
-from hydro_twin.residual.select import fit_alternatives, free_run_error, refine, relocated, search
+from hydro_twin.residual.select import fit_alternatives, free_run_error, refine, search
+from hydro_twin.residual.starts import relocated
 
 STRIBECK = ('friction', 'motor', {'coulomb': 6.0, 'stribeck': 4.0, 'stribeck_velocity': 0.02})
 BIAS = ('bias', 'motor', {'offset': 2.0})

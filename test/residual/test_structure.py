@@ -7,7 +7,7 @@ import pytest
 from scipy.signal import cont2discrete, dlsim, lfilter
 from traced_rig import fitted, PLANT, record, VALUES
 
-from hydro_twin.fitting.free_run import fit_linear
+from hydro_twin.fitting.linear import fit_linear
 from hydro_twin.fitting.output_error import free_run
 from hydro_twin.fitting.parts import Part, parts_of
 from hydro_twin.model import Model

@@ -17,7 +17,8 @@ from hydro_twin.residual.chain import (
     Finding,
     supported,
 )
-from hydro_twin.residual.select import by_part, likelihood_gain, search
+from hydro_twin.residual.criterion import by_part, likelihood_gain
+from hydro_twin.residual.select import search
 from hydro_twin.result import Improvement
 
 FRICTION = ('friction', 'motor', {'coulomb': 10.0})

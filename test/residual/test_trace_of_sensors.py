@@ -5,13 +5,14 @@ import numpy as np
 import pytest
 from traced_rig import PLANT, record
 
-from hydro_twin.fitting.free_run import fit_linear
+from hydro_twin.fitting.linear import fit_linear
 from hydro_twin.fitting.parts import parts_of
 from hydro_twin.model import place
 from hydro_twin.recording.series import Recording
 from hydro_twin.report.summary import summarise
+from hydro_twin.residual.criterion import by_output, by_part, criterion, gain_p_value
 from hydro_twin.residual.screen import screen
-from hydro_twin.residual.select import by_output, by_part, criterion, gain_p_value, search
+from hydro_twin.residual.select import search
 from hydro_twin.residual.structure import drift, free_curves, predicted_by_ports
 from hydro_twin.residual.trace import trace
 from hydro_twin.schema import fault

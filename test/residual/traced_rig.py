@@ -5,7 +5,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from hydro_twin.fitting.free_run import fit_linear
+from hydro_twin.fitting.linear import fit_linear
 from hydro_twin.fitting.parts import parts_of
 from hydro_twin.model import place
 from hydro_twin.plants import PLANTS

@@ -8,8 +8,8 @@ import numpy as np
 from scipy.optimize import least_squares
 
 from hydro_twin.errors import DataError
-from hydro_twin.fitting.free_run import fit_linear
 from hydro_twin.fitting.identifiability import assess
+from hydro_twin.fitting.linear import fit_linear
 from hydro_twin.fitting.parts import parts_of
 from hydro_twin.model import Estimate
 from hydro_twin.plants.valve_servo import VALVE_SERVO

@@ -2,8 +2,8 @@
 import numpy as np
 import pytest
 
-from hydro_twin.fitting.free_run import Problem
 from hydro_twin.fitting.parts import parts_of
+from hydro_twin.fitting.problem import Problem
 from hydro_twin.fitting.unknowns import effect_unknowns, plant_unknowns
 from hydro_twin.model import Model, place
 from hydro_twin.plants.valve_servo import VALVE_SERVO

@@ -1,34 +1,23 @@
-"""Fit of a plant with effects to recordings, by the error of its free run."""
+"""The search for the unknowns of a model, by its output error over parts of a recording."""
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
 from functools import partial
 from itertools import repeat
 import math
 
 import numpy as np
-from scipy.optimize import least_squares
+from scipy.optimize import least_squares, lsq_linear
 
-from hydro_twin.effects import Placed
-from hydro_twin.fitting.identifiability import assess, Identifiability
-from hydro_twin.fitting.output_error import initial_states, residuals, usual_response
+from hydro_twin.fitting.fit import Fit
+from hydro_twin.fitting.output_error import initial_states, usual_response
 from hydro_twin.fitting.outputs import Pieces, sensors_in, Stack
 from hydro_twin.fitting.parallel import in_processes
 from hydro_twin.fitting.parts import Part
 from hydro_twin.fitting.start import Eliminated, Start, without_start
-from hydro_twin.fitting.unknowns import (
-    coordinates_of,
-    get,
-    label,
-    plant_unknowns,
-    put,
-    timing_unknowns,
-    Unknown,
-    usual,
-)
+from hydro_twin.fitting.unknowns import coordinates_of, get, put, Unknown, usual
 from hydro_twin.model import Model
-from hydro_twin.plants import Plant
 from hydro_twin.plants.plant import FloatArray
 from hydro_twin.predictors.scores import rms
 from hydro_twin.predictors.sensitivities import run_all_with_slopes
@@ -43,86 +32,9 @@ REBALANCED = 8          # and of sensors with new scales
 SAME_SCALE = 0.02       # change of the logarithm of a scale that hardly moves the fit
 SAME_WEIGHT = 2.0       # ratio of two weights that give nearly the same start
 SMALL = 0.1             # of the residual: a start that takes off less hardly turns the slopes
-SUBSTEPS = 2            # steps in a sample of a search, which the last fits refine
-GIVEN = 4               # steps in a sample with given effects: no search refines them later
+REACH = 1.0             # of a coordinate in one step: a factor of e
+PATIENCE = 5            # evaluations: the radius has shrunk a thousandfold, and no step is better
 CONVERGED = 'converged'
-
-
-@dataclass(frozen=True)
-class Fit:
-    """A candidate fitted to parts.
-
-    Attributes:
-        residual: of all parts, one after another, scored samples only. Where there are sensors,
-            theirs follow in each part, all scaled to weigh by their noise, see `outputs`.
-        jacobian: its derivative by the coordinates of the unknowns, with the sign of a rise of
-            the output, shape (N, d).
-        lengths: scored samples of each piece of it, those of the output or of a sensor in a part.
-        pulled: what leaving the usual values costs, as a sum of squares.
-        outputs: which output each piece is of: 0, or one more than the index of the sensor.
-        sensors: names of those that were fitted.
-        scales: by which the residual of output and sensors was multiplied, (1 + K,).
-    """
-
-    candidate: Model
-    unknowns: tuple[Unknown, ...]
-    residual: FloatArray
-    jacobian: FloatArray
-    lengths: tuple[int, ...]
-    pulled: float
-    outputs: tuple[int, ...] = ()
-    sensors: tuple[str, ...] = ()
-    scales: FloatArray = field(default_factory=lambda: np.ones(1))
-
-    @property
-    def main(self) -> Fit:
-        """The same with the pieces of the output alone, in its unit."""
-        if not self.sensors:
-            return self
-        own = np.array(self.outputs) == 0
-        rows, scale = np.repeat(own, self.lengths), self.scales[0]
-        return replace(
-            self, residual=self.residual[rows] / scale, jacobian=self.jacobian[rows] / scale,
-            lengths=tuple(np.array(self.lengths)[own].tolist()), pulled=self.pulled / scale**2,
-            outputs=(), sensors=(), scales=np.ones(1))
-
-    @property
-    def noise(self) -> dict[str, float]:
-        """RMS of what is left of output and sensors, each in its unit."""
-        every = np.repeat(self.outputs or (0,) * len(self.lengths), self.lengths)
-        names = (self.candidate.plant.output.name, *self.sensors)
-        return {name: rms(self.residual[every == q]) / float(self.scales[q])
-                for q, name in enumerate(names)}
-
-    @property
-    def cost(self) -> float:
-        """Root mean square of the residual with what leaving the usual values costs."""
-        return math.sqrt((float(self.residual @ self.residual) + self.pulled)
-                         / max(len(self.residual), 1))
-
-    @property
-    def error(self) -> float:
-        """RMS of the residual of the output, in its unit."""
-        return rms(self.main.residual)
-
-    def at_bound(self) -> list[str]:
-        """Name the unknowns that stopped at an edge of their range."""
-        names = []
-        for unknown in self.unknowns:
-            value = unknown.coordinate(get(self.candidate, unknown))
-            edges = [unknown.coordinate(edge) for edge in (unknown.lower, unknown.upper)
-                     if math.isfinite(edge) and (edge > 0 or not unknown.log)]
-            if any(abs(value - edge) < 1e-4 * max(1.0, abs(edge)) for edge in edges):
-                names.append(label(unknown))
-        return names
-
-    def identifiability(self) -> Identifiability:
-        """Say what the data determine; see `identifiability`."""
-        cuts = np.cumsum(self.lengths)[:-1]
-        stretches = zip(np.split(self.jacobian, cuts), np.split(self.residual, cuts), strict=True)
-        names = [label(unknown) for unknown in self.unknowns]
-        inside = [c for c in self.candidate.plant.combinations if all(name in names for name in c)]
-        return assess(stretches, names, inside, self.at_bound())
 
 
 @dataclass(frozen=True)
@@ -146,6 +58,15 @@ class Evaluation:
     scales: FloatArray
     pulled: FloatArray
     reason: str = ''
+
+    @property
+    def power(self) -> float:
+        """Sum of squares that a search lowers."""
+        return float(self.residual @ self.residual + self.pulled @ self.pulled)
+
+
+class _StalledError(Exception):
+    """No step lowers the sum of squares any more."""
 
 
 class Problem:
@@ -284,9 +205,36 @@ class Problem:
         return (np.array([edge(u, u.lower) for u in self.unknowns]),
                 np.array([edge(u, u.upper) for u in self.unknowns]))
 
+    def begin(self) -> Evaluation:
+        """Evaluate the base."""
+        lower, upper = self.bounds()
+        begin = coordinates_of(self.base, self.unknowns)
+        # A hair within the bounds: at one there may be a kink, and its other side counts for
+        # nothing, as where a command acts a whole sample early.
+        hair = INSIDE * np.maximum(1.0, np.abs(begin))
+        begin = np.clip(begin, lower + hair, upper - hair)
+        here = self.at(begin)
+        return self.at(begin, scales=self.balanced(here)) if self.sensors else here
+
     def as_it_is(self) -> Fit:
         """Take the base without a search."""
-        return self.fit(self.at(coordinates_of(self.base, self.unknowns)))
+        return self.fit(self.begin())
+
+    def linear_prediction(self) -> tuple[Evaluation, float]:
+        """Evaluate the base, and predict the sum of squares after the first step of a search.
+
+        That of linear least squares within the bounds (Gauss-Newton), no coordinate moving by
+        more than `REACH`.
+        """
+        here = self.begin()
+        lower, upper = self.bounds()
+        # The residual falls by the slopes; only their triangle counts.
+        orthogonal, triangle = np.linalg.qr(np.vstack([here.slopes,
+                                                       -self.pull_slopes(here.coordinates)]))
+        falls = orthogonal.T @ np.concatenate([here.residual, here.pulled])
+        step = lsq_linear(triangle, falls, (np.maximum(lower - here.coordinates, -REACH),
+                                            np.minimum(upper - here.coordinates, REACH)))
+        return here, here.power - float(falls @ falls) + 2.0 * float(step.cost)
 
     def solve(self, evaluations: int = 40, tolerance: float = 1e-6) -> Fit:
         """Search from the base, within the bounds."""
@@ -303,16 +251,7 @@ class Problem:
             evaluations: most runs over the parts.
             tolerance: relative reduction of the sum of squares that ends it.
         """
-        lower, upper = self.bounds()
-        begin = coordinates_of(self.base, self.unknowns)
-        # A hair within the bounds: at one there may be a kink, and its other side counts for
-        # nothing, as where a command acts a whole sample early.
-        hair = INSIDE * np.maximum(1.0, np.abs(begin))
-        begin = np.clip(begin, lower + hair, upper - hair)
-        here = self.at(begin)
-        if self.sensors:
-            here = self.at(begin, scales=self.balanced(here))
-        found = self.weighted_search(here, evaluations, tolerance)
+        found = self.weighted_search(self.begin(), evaluations, tolerance)
         for _ in range(REBALANCED if self.sensors else REWEIGHTED):
             if found.reason != CONVERGED:
                 break
@@ -325,14 +264,24 @@ class Problem:
         return found
 
     def weighted_search(self, here: Evaluation, evaluations: int, tolerance: float) -> Evaluation:
-        """Search with the weights and scales that there are, see `search`."""
+        """Search with the weights and scales that there are, see `search`.
+
+        At a kink, where the derivatives promise what no step keeps, the trust region would shrink
+        by a quarter at a time down to nothing. So a search also ends if `PATIENCE` evaluations in
+        a row have not lowered the sum of squares.
+        """
         weights, scales, (lower, upper) = here.weights, here.scales, self.bounds()
+        best, stalled = here, 0
 
         def last(coordinates: FloatArray) -> Evaluation:
             """Run, unless the derivatives are asked where the residual was."""
-            nonlocal here
+            nonlocal here, best, stalled
             if not np.array_equal(coordinates, here.coordinates):
+                if stalled == PATIENCE:
+                    raise _StalledError
                 here = self.at(coordinates, weights, scales)
+                stalled = 0 if here.power < (1.0 - tolerance) * best.power else stalled + 1
+                best = min(here, best, key=lambda evaluation: evaluation.power)
             return here
 
         def residual(coordinates: FloatArray) -> FloatArray:
@@ -341,10 +290,13 @@ class Problem:
         def jacobian(coordinates: FloatArray) -> FloatArray:
             return np.vstack([-last(coordinates).slopes, self.pull_slopes(coordinates)])
 
-        found = least_squares(residual, here.coordinates, jac=jacobian, bounds=(lower, upper),
-                              method='trf', x_scale=1.0, max_nfev=evaluations, ftol=tolerance,
-                              xtol=1e-8, gtol=1e-12)
-        return replace(last(found.x), reason=CONVERGED if found.status > 0 else 'evaluations')
+        try:
+            found = least_squares(residual, here.coordinates, jac=jacobian, bounds=(lower, upper),
+                                  method='trf', x_scale=1.0, max_nfev=evaluations, ftol=tolerance,
+                                  xtol=1e-8, gtol=1e-12)
+        except _StalledError:
+            return replace(best, reason=CONVERGED)
+        return replace(best, reason=CONVERGED if found.status > 0 else 'evaluations')
 
     def fit(self, found: Evaluation) -> Fit:
         """Take what a search has found, with the scales that its residual asks for."""
@@ -369,43 +321,3 @@ def solve_all(problems: Sequence[Problem], evaluations: int = 40, tolerance: flo
         partial(Problem.search, evaluations=evaluations, tolerance=tolerance), problems)
     for problem, found in zip(problems, searches, strict=True):
         yield problem.fit(found)
-
-
-def fit_linear(plant: Plant, parts: Sequence[Part], constants: Mapping[str, float],
-               sample_time: float, within: str, timing: bool, seed: int = 0,
-               starts: int = 3, effects: tuple[Placed, ...] = ()) -> Fit:
-    """Fit the parameters of the plant from several starts; the best fit is returned.
-
-    The starts are the middle of the box and the best of random draws in it. A residual that
-    effects have bent leads a single start astray.
-
-    Args:
-        plant: the plant.
-        parts: what it is fitted to.
-        constants: of the rig.
-        sample_time: of the parts [s].
-        within: 'box' or 'physical', see `plant_unknowns`.
-        timing: whether commands may act up to a sample before their stamps say.
-        seed: of the draws.
-        starts: how many searches are made.
-        effects: known ones, which stay as they are.
-    """
-    unknowns = plant_unknowns(plant, within)
-    if timing:
-        unknowns += timing_unknowns(plant, sample_time)
-    rng = np.random.default_rng(seed)
-    base = Model(plant, {**constants, **plant.middle()}, sample_time, effects,
-                 substeps=GIVEN if effects else SUBSTEPS)
-    draws = [base] + [
-        replace(base, values={**base.values, **{
-            p.name: float(math.exp(rng.uniform(math.log(p.lower), math.log(p.upper))))
-            for p in plant.parameters}})
-        for _ in range(24)]
-    some = [min(parts, key=lambda part: len(part.measured))] if len(parts) > 6 else parts
-
-    def error(candidate: Model) -> float:
-        return rms(np.nan_to_num(np.concatenate(residuals(candidate, some)), nan=1e30))
-
-    tried = [draws[0], *sorted(draws[1:], key=error)[:starts - 1]]
-    fits = solve_all([Problem(candidate, unknowns, parts) for candidate in tried])
-    return min(fits, key=lambda fit: fit.cost)

@@ -7,7 +7,8 @@ import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 
-from hydro_twin.fitting.free_run import Fit, fit_linear
+from hydro_twin.fitting.fit import Fit
+from hydro_twin.fitting.linear import fit_linear
 from hydro_twin.fitting.parts import Part
 from hydro_twin.fitting.unknowns import Unknown
 from hydro_twin.plants.load_simulator import LOAD_SIMULATOR

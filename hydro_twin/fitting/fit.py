@@ -1,0 +1,90 @@
+"""A fit: a model fitted to parts of a recording, with its residual and the derivatives of that."""
+from __future__ import annotations
+
+from dataclasses import dataclass, field, replace
+import math
+
+import numpy as np
+
+from hydro_twin.fitting.identifiability import assess, Identifiability
+from hydro_twin.fitting.unknowns import get, label, Unknown
+from hydro_twin.model import Model
+from hydro_twin.plants.plant import FloatArray
+from hydro_twin.predictors.scores import rms
+
+
+@dataclass(frozen=True)
+class Fit:
+    """A candidate fitted to parts.
+
+    Attributes:
+        residual: of all parts, one after another, scored samples only. Where there are sensors,
+            theirs follow in each part, all scaled to weigh by their noise, see `outputs`.
+        jacobian: its derivative by the coordinates of the unknowns, with the sign of a rise of
+            the output, shape (N, d).
+        lengths: scored samples of each piece of it, those of the output or of a sensor in a part.
+        pulled: what leaving the usual values costs, as a sum of squares.
+        outputs: which output each piece is of: 0, or one more than the index of the sensor.
+        sensors: names of those that were fitted.
+        scales: by which the residual of output and sensors was multiplied, (1 + K,).
+    """
+
+    candidate: Model
+    unknowns: tuple[Unknown, ...]
+    residual: FloatArray
+    jacobian: FloatArray
+    lengths: tuple[int, ...]
+    pulled: float
+    outputs: tuple[int, ...] = ()
+    sensors: tuple[str, ...] = ()
+    scales: FloatArray = field(default_factory=lambda: np.ones(1))
+
+    @property
+    def main(self) -> Fit:
+        """The same with the pieces of the output alone, in its unit."""
+        if not self.sensors:
+            return self
+        own = np.array(self.outputs) == 0
+        rows, scale = np.repeat(own, self.lengths), self.scales[0]
+        return replace(
+            self, residual=self.residual[rows] / scale, jacobian=self.jacobian[rows] / scale,
+            lengths=tuple(np.array(self.lengths)[own].tolist()), pulled=self.pulled / scale**2,
+            outputs=(), sensors=(), scales=np.ones(1))
+
+    @property
+    def noise(self) -> dict[str, float]:
+        """RMS of what is left of output and sensors, each in its unit."""
+        every = np.repeat(self.outputs or (0,) * len(self.lengths), self.lengths)
+        names = (self.candidate.plant.output.name, *self.sensors)
+        return {name: rms(self.residual[every == q]) / float(self.scales[q])
+                for q, name in enumerate(names)}
+
+    @property
+    def cost(self) -> float:
+        """Root mean square of the residual with what leaving the usual values costs."""
+        return math.sqrt((float(self.residual @ self.residual) + self.pulled)
+                         / max(len(self.residual), 1))
+
+    @property
+    def error(self) -> float:
+        """RMS of the residual of the output, in its unit."""
+        return rms(self.main.residual)
+
+    def at_bound(self) -> list[str]:
+        """Name the unknowns that stopped at an edge of their range."""
+        names = []
+        for unknown in self.unknowns:
+            value = unknown.coordinate(get(self.candidate, unknown))
+            edges = [unknown.coordinate(edge) for edge in (unknown.lower, unknown.upper)
+                     if math.isfinite(edge) and (edge > 0 or not unknown.log)]
+            if any(abs(value - edge) < 1e-4 * max(1.0, abs(edge)) for edge in edges):
+                names.append(label(unknown))
+        return names
+
+    def identifiability(self) -> Identifiability:
+        """Say what the data determine; see `identifiability`."""
+        cuts = np.cumsum(self.lengths)[:-1]
+        stretches = zip(np.split(self.jacobian, cuts), np.split(self.residual, cuts), strict=True)
+        names = [label(unknown) for unknown in self.unknowns]
+        inside = [c for c in self.candidate.plant.combinations if all(name in names for name in c)]
+        return assess(stretches, names, inside, self.at_bound())

@@ -1,0 +1,61 @@
+"""The fit of a plant's own parameters, from several starts."""
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+import math
+
+import numpy as np
+
+from hydro_twin.effects import Placed
+from hydro_twin.fitting.fit import Fit
+from hydro_twin.fitting.output_error import residuals
+from hydro_twin.fitting.parts import Part
+from hydro_twin.fitting.problem import Problem, solve_all
+from hydro_twin.fitting.unknowns import plant_unknowns, timing_unknowns
+from hydro_twin.model import Model
+from hydro_twin.plants import Plant
+from hydro_twin.predictors.scores import rms
+
+SUBSTEPS = 2            # steps in a sample of a search, which the last fits refine
+GIVEN = 4               # steps in a sample with given effects: no search refines them later
+
+
+def fit_linear(plant: Plant, parts: Sequence[Part], constants: Mapping[str, float],
+               sample_time: float, within: str, timing: bool, seed: int = 0,
+               starts: int = 3, effects: tuple[Placed, ...] = ()) -> Fit:
+    """Fit the parameters of the plant from several starts; the best fit is returned.
+
+    The starts are the middle of the box and the best of random draws in it. A residual that
+    effects have bent leads a single start astray.
+
+    Args:
+        plant: the plant.
+        parts: what it is fitted to.
+        constants: of the rig.
+        sample_time: of the parts [s].
+        within: 'box' or 'physical', see `plant_unknowns`.
+        timing: whether commands may act up to a sample before their stamps say.
+        seed: of the draws.
+        starts: how many searches are made.
+        effects: known ones, which stay as they are.
+    """
+    unknowns = plant_unknowns(plant, within)
+    if timing:
+        unknowns += timing_unknowns(plant, sample_time)
+    rng = np.random.default_rng(seed)
+    base = Model(plant, {**constants, **plant.middle()}, sample_time, effects,
+                 substeps=GIVEN if effects else SUBSTEPS)
+    draws = [base] + [
+        replace(base, values={**base.values, **{
+            p.name: float(math.exp(rng.uniform(math.log(p.lower), math.log(p.upper))))
+            for p in plant.parameters}})
+        for _ in range(24)]
+    some = [min(parts, key=lambda part: len(part.measured))] if len(parts) > 6 else parts
+
+    def error(candidate: Model) -> float:
+        return rms(np.nan_to_num(np.concatenate(residuals(candidate, some)), nan=1e30))
+
+    tried = [draws[0], *sorted(draws[1:], key=error)[:starts - 1]]
+    fits = solve_all([Problem(candidate, unknowns, parts) for candidate in tried])
+    return min(fits, key=lambda fit: fit.cost)

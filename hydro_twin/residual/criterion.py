@@ -1,0 +1,62 @@
+"""How fits to the same data compare: BIC and likelihood ratio, of whitened residuals."""
+from __future__ import annotations
+
+from collections.abc import Sequence
+import math
+
+import numpy as np
+from scipy import stats
+
+from hydro_twin.fitting.fit import Fit
+from hydro_twin.plants.plant import FloatArray
+from hydro_twin.residual.noise import autoregression, whiten
+
+CLEARLY = 10.0          # difference of the BIC from which one law is preferred to another
+
+
+def by_part(fit: Fit) -> list[FloatArray]:
+    """Split the residual of the output of a fit into its parts."""
+    return by_output(fit)[0]
+
+
+def by_output(fit: Fit) -> list[list[FloatArray]]:
+    """Split the residual of a fit into those of the output, and of each sensor, by part."""
+    pieces = np.split(fit.residual, np.cumsum(fit.lengths)[:-1])
+    outputs = fit.outputs or (0,) * len(pieces)
+    return [[piece / scale for piece, output in zip(pieces, outputs, strict=True) if output == q]
+            for q, scale in enumerate(fit.scales)]
+
+
+def criterion(fits: Sequence[Fit]) -> list[float]:
+    """BIC of fits to the same parts, their residuals whitened by the filters of the best.
+
+    N ln(S/N) + d ln N, with S the sum of squares and d the number of unknowns that are not at
+    a bound; the first summed over the output and the sensors, each with a filter of its own.
+    """
+    best = min(fits, key=lambda fit: fit.cost)
+    filters = [autoregression(pieces) for pieces in by_output(best)]
+    values = []
+    for fit in fits:
+        whites = [whiten(*some) for some in zip(by_output(fit), filters, strict=True)]
+        pulled = 1.0 + fit.pulled / max(float(fit.residual @ fit.residual), 1e-300)
+        free = len(fit.unknowns) - len(fit.at_bound())
+        values.append(sum(len(white) * math.log(max(pulled * float(white @ white), 1e-300)
+                                                / len(white)) for white in whites if len(white))
+                      + free * math.log(sum(map(len, whites))))
+    return values
+
+
+def gain_p_value(before: Fit, after: Fit, tried: int) -> float:
+    """Likelihood-ratio test of what the last effect adds, times the number of effects tried."""
+    ratio = sum(likelihood_gain(*some) for some in zip(by_output(before), by_output(after),
+                                                       strict=True))
+    added = max(1, len(after.unknowns) - len(before.unknowns))
+    log_p = float(stats.chi2.logsf(max(ratio, 0.0), added)) + math.log(tried)
+    return min(1.0, math.exp(max(log_p, -700.0)))
+
+
+def likelihood_gain(before: Sequence[FloatArray], after: Sequence[FloatArray]) -> float:
+    """Twice the gain of the log-likelihood, residuals whitened by the filter of the latter."""
+    filter_ = autoregression(after)
+    a, b = (whiten(pieces, filter_) for pieces in (before, after))
+    return len(a) * math.log(max(float(a @ a), 1e-300) / max(float(b @ b), 1e-300))
