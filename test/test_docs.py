@@ -52,7 +52,7 @@ def test_the_catalogue_names_the_ports():
 
 
 def test_the_numbers_of_the_verdict_are_the_codes():
-    rows = re.findall(r'^\| `([\w.]+)\.([A-Z_]+)` \| ([\d.]+) \|', PAGES['tracing.md'],
+    rows = re.findall(r'^\| `([\w.]+)\.([A-Z_]+)` \| ([\d.]+) \|', PAGES['tracing_method.md'],
                       re.MULTILINE)
     assert len(rows) > 10
     for module, name, value in rows:

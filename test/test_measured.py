@@ -136,12 +136,11 @@ def test_servo_valve_and_cylinder(shell: Shell, tmp_path: Path) -> None:
     found = shell('trace', bag, '--plant', 'cylinder', '-o', tmp_path / 'out')
     effects = {effect['id']: effect['parameters'] for effect in found['effects']}
     # The command only steps: a dead zone and a hysteresis of it hardly differ.
-    assert {'end_stop', 'asymmetry'} <= set(effects)
-    assert set(effects) <= {'end_stop', 'asymmetry', 'dead_zone', 'hysteresis'}
+    assert set(effects) in ({'end_stop', 'asymmetry', 'dead_zone'},
+                            {'end_stop', 'asymmetry', 'hysteresis'})
     assert effects['end_stop']['upper']['value'] == pytest.approx(0.2, rel=0.02)
     assert effects['asymmetry']['imbalance']['value'] == pytest.approx(0.17, abs=0.03)
-    before, after = (found[when]['free_run']['test'] for when in ('before', 'after'))
-    assert after < 0.1 * before
+    assert found['after']['free_run']['test'] < 0.00256     # m, that of the fit by hand
 
 
 @pytest.mark.measured
