@@ -29,6 +29,7 @@ from hydro_twin.fitting.unknowns import (
 from hydro_twin.fitting.whiteness import is_white
 from hydro_twin.model import Model
 from hydro_twin.predictors.scores import rms
+from hydro_twin.residual.apart import by_recording, goes_with_time, joined
 from hydro_twin.residual.criterion import by_part, CLEARLY, criterion
 from hydro_twin.residual.screen import places, Prospect, screen, spans
 from hydro_twin.residual.starts import (
@@ -200,11 +201,26 @@ def finish(base: Fit, ranked: Sequence[Fit], parts: Sequence[Part],
         done += search_all(moved, parts, LONG)
     fits = [fit for fit in best_at_each_place([*done, *ranked[len(kept):]])
             if is_distinguishable(fit, parts)]
+    if fits and _drifts(fits[0]) and not _goes_with_time(fits[0], parts):
+        fits = [fit for fit in fits if not _drifts(fit)]
     if not fits:
         return []
     scores = criterion(fits)
     order = np.argsort(scores, kind='stable')
     return simplest_first([Alternative(fits[k]) for k in order], [scores[k] for k in order])
+
+
+def _drifts(fit: Fit) -> bool:
+    """Whether the last effect of a fit is a parameter that drifts."""
+    return fit.candidate.effects[-1].effect.course is not None
+
+
+def _goes_with_time(drift: Fit, parts: Sequence[Part]) -> bool:
+    """Compare a drift with a model of its own for each recording; see `goes_with_time`."""
+    bare = replace(drift.candidate, effects=drift.candidate.effects[:-1])
+    each = by_recording(parts, bare.sample_time)
+    return len(each) == 1 or goes_with_time(
+        drift, joined([search(bare, some, SHORT) for some in each]))
 
 
 def simplest_first(alternatives: list[Alternative], scores: Sequence[float]) -> list[Alternative]:

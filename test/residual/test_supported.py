@@ -10,6 +10,7 @@ from traced_rig import fitted, PLANT, record
 from hydro_twin.fitting.output_error import residuals
 from hydro_twin.model import place
 from hydro_twin.residual.chain import (
+    _exchange,
     _proven,
     Chain,
     Context,
@@ -18,7 +19,7 @@ from hydro_twin.residual.chain import (
     supported,
 )
 from hydro_twin.residual.criterion import by_part, likelihood_gain
-from hydro_twin.residual.select import search
+from hydro_twin.residual.select import Alternative, search, searched
 from hydro_twin.result import Improvement
 
 FRICTION = ('friction', 'motor', {'coulomb': 10.0})
@@ -105,6 +106,35 @@ def test_effects_stay_that_are_proven_only_together(both, monkeypatch, bias_help
     monkeypatch.setattr(f'{module}.improvement', lambda *_: next(helps))
     monkeypatch.setattr(f'{module}._exchange', lambda chain, context, last: chain)
     assert names(_proven(chain, alone, context)) == left
+
+
+def test_an_exchange_ends_where_two_laws_seem_better_in_turns(both, monkeypatch):
+    """As where the fit with finer steps is worse than the one that was preferred."""
+    chain, alone, context = grown(both, FRICTION, BIAS)
+    turns = []
+
+    def made(candidate, residual):
+        return replace(alone, candidate=candidate, unknowns=tuple(searched(candidate)),
+                       residual=residual)
+
+    def better(_, without, *__):
+        if names(Chain(without)) != ['bias']:
+            return []
+        assert len(turns) < 9
+        law = FRICTION if len(turns) % 2 else ('hysteresis', 'command', {'width': 0.1})
+        turns.append(law[0])
+        effects = (*without.candidate.effects, place(*law, PLANT))
+        return [Alternative(made(replace(without.candidate, effects=effects),
+                                 0.5 * chain.fit.residual))]
+
+    module = 'hydro_twin.residual.chain'
+    monkeypatch.setattr(Context, 'fit_alternatives', better)
+    monkeypatch.setattr(Context, 'without', lambda _, fit, indices: [
+        made(fit.candidate.without(k), alone.residual) for k in indices])
+    monkeypatch.setattr(f'{module}.finely', lambda fit, *_: made(
+        fit.candidate, chain.fit.residual))
+    assert set(names(_exchange(chain, context, last=True))) == {'hysteresis', 'bias'}
+    assert turns == ['hysteresis', 'friction']
 
 
 @pytest.mark.slow
