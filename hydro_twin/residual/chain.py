@@ -179,11 +179,12 @@ def grow(base: Fit, alternatives: Sequence[Alternative], context: Context) -> Ch
         context.remember(fit)
         context.remember(better)
         chain = _exchange(Chain(better, (*chain.findings, found)), context)
-        chain = _refined(chain, context)
+        chain = _refined(chain, chain.findings[:-1], context)
         if len(chain.findings) == MOST:
             break
         alternatives = context.fit_alternatives(chain.fit, LATER)
-    return _proven(chain, base, context)
+    chain = _proven(chain, base, context)
+    return _refined(chain, chain.findings, context)
 
 
 def _memoryless_first(alternatives: Sequence[Alternative], base: Fit, context: Context
@@ -227,9 +228,9 @@ def _earned(found: Finding, without: Fit, added: Alternative, parts: Sequence[Pa
         and predicted_by_ports(added.fit, parts)[1] > PREDICTED)
 
 
-def _refined(chain: Chain, context: Context) -> Chain:
-    """Refine earlier effects again, now that the last one no longer biases them."""
-    for found in chain.findings[:-1]:
+def _refined(chain: Chain, findings: Sequence[Finding], context: Context) -> Chain:
+    """Refine effects again, now that what came after them no longer biases them."""
+    for found in findings:
         chain = replace(chain, fit=refine([chain.fit], context.parts, found.index)[0])
         context.remember(chain.fit)
     return chain

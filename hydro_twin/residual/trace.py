@@ -24,10 +24,12 @@ from hydro_twin.residual.chain import (
     finely,
     FINEST,
     grow,
+    share,
     supported,
     without_last,
+    WORTH,
 )
-from hydro_twin.residual.criterion import by_part, CLEARLY, criterion
+from hydro_twin.residual.criterion import by_part
 from hydro_twin.residual.curve import FittedCurve
 from hydro_twin.residual.evaluate import result_of
 from hydro_twin.residual.evidence import Evidence
@@ -289,7 +291,9 @@ def _on_all(found: FittedCurve, after: Fit, sample_time: float, parts: Sequence[
 def _as_recorded(fit: Fit, sample_time: float, parts: Sequence[Part]) -> Fit:
     """Fit a model that was found on thinned samples to all samples.
 
-    Refinements of its effects, which may have made up for the thinning, must help again.
+    Refinements of its effects, which may have made up for the thinning, must help again. By how
+    much they lower the error, and not by BIC: far above the noise, at full rate, whitening leaves
+    of a residual little but the errors of the time steps.
     """
     candidate = resampled(fit.candidate, sample_time)
     simple = replace(candidate, effects=tuple(map(unrefined, candidate.effects)))
@@ -297,6 +301,5 @@ def _as_recorded(fit: Fit, sample_time: float, parts: Sequence[Part]) -> Fit:
         fine = search(candidate, parts, 20)
     else:
         refined, fine = search_all([candidate, simple], parts, 20)
-        scores = criterion([refined, fine])
-        fine = refined if scores[0] < scores[1] - CLEARLY else fine
+        fine = refined if share(fine, refined) > WORTH else fine
     return finely(fine, parts, FINEST) if fine.candidate.effects else fine
