@@ -12,11 +12,11 @@ from hydro_twin.fitting.whiteness import is_white
 from hydro_twin.model import Model, place
 from hydro_twin.plants import plant_named
 from hydro_twin.recording.series import Recording, Series
-from hydro_twin.residual.chain import Finding
 from hydro_twin.residual.criterion import by_part
 from hydro_twin.residual.curve import FittedCurve
 from hydro_twin.residual.evaluate import result_of
 from hydro_twin.residual.evidence import Evidence
+from hydro_twin.residual.findings import Finding
 from hydro_twin.residual.noise import Burst, noise_floor
 from hydro_twin.residual.proof import improvement
 from hydro_twin.residual.select import search

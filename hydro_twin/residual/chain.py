@@ -1,29 +1,35 @@
 """The loop: effects added one after another, until nothing more earns its place."""
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Sequence
-from dataclasses import dataclass, field, replace
-from itertools import islice
-import math
+from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 
-from hydro_twin.effects import Effect, Placed
+from hydro_twin.effects import Effect
 from hydro_twin.fitting.fit import Fit
 from hydro_twin.fitting.output_error import initial_states
 from hydro_twin.fitting.parts import Part
-from hydro_twin.model import Model
 from hydro_twin.predictors.scores import rms
+from hydro_twin.residual.context import Context, effects_of
 from hydro_twin.residual.criterion import by_part, CLEARLY, criterion, gain_p_value
+from hydro_twin.residual.findings import (
+    Chain,
+    explained_share,
+    Finding,
+    finding,
+    in_place,
+    other_findings,
+    share,
+    TRIED,
+)
 from hydro_twin.residual.noise import noise_floor
 from hydro_twin.residual.proof import improvement, proof, residuals
 from hydro_twin.residual.select import (
     Alternative,
-    fit_alternatives,
     is_distinguishable,
     refine,
     search,
-    search_all,
 )
 from hydro_twin.residual.structure import drift, drifts, predicted_by_ports
 from hydro_twin.result import NEAR
@@ -45,111 +51,6 @@ NOISY = 2.0             # ratio of error to noise above which the residual is no
 HELD_OUT = 1.2          # ratio of held-out to training error above which it is not chance
 RIVALS = 1.5            # error over that of the effect in place: what leaves more after ten
 #                         evaluations is no rival to it
-TRIED = 40              # starts tried in a round, for the correction
-
-
-@dataclass(frozen=True)
-class Finding:
-    """One effect that earned its place.
-
-    Attributes:
-        index: of the effect in the candidate.
-        p_value: of its likelihood ratio, corrected for all that was tried.
-        share: of the mean square error without it that it removes.
-        rivals: other effects in its place with their delta BIC, best first.
-    """
-
-    index: int
-    p_value: float
-    share: float
-    rivals: tuple[tuple[Placed, float], ...]
-
-
-@dataclass(frozen=True)
-class Chain:
-    """A model as far as it has grown."""
-
-    fit: Fit
-    findings: tuple[Finding, ...] = ()
-
-    @property
-    def indices(self) -> list[int]:
-        """Of its effects in the candidate."""
-        return [found.index for found in self.findings]
-
-
-@dataclass(frozen=True)
-class Context:
-    """The data of a search, and what has been fitted to them so far.
-
-    Attributes:
-        parts: the training data.
-        held_out: the held-out data.
-        times: stamps [s] of the first and the last sample of both.
-        known: the alternatives fitted on top of each model.
-        fits: the best fit with each set of effects.
-    """
-
-    parts: Sequence[Part]
-    held_out: Sequence[Part]
-    times: tuple[float, float]
-    seed: int
-    progress: Callable[[str], None]
-    known: dict[tuple[frozenset[str], int, int], list[Alternative]] = field(
-        default_factory=dict)
-    fits: dict[frozenset[str], Fit] = field(default_factory=dict)
-
-    def fit_alternatives(self, fit: Fit, most: int, most_error: float = math.inf
-                         ) -> list[Alternative]:
-        """Fit effects on top of a fit, once for each set of unknowns."""
-        key = (_effects_of(fit.candidate), len(fit.unknowns), most)
-        if key not in self.known:
-            self.known[key] = fit_alternatives(fit, self.parts, self.times, most, False,
-                                               self.progress, most_error=most_error)
-            for alternative in self.known[key]:
-                self.remember(alternative.fit)
-        return self.known[key]
-
-    def remember(self, fit: Fit) -> None:
-        """Keep a fit, unless a better one with the same effects is known."""
-        key = _effects_of(fit.candidate)
-        if key not in self.fits or fit.cost < self.fits[key].cost:
-            self.fits[key] = fit
-
-    def best(self, fit: Fit) -> Fit:
-        """Return the best fit known with the effects of this one."""
-        return min(fit, self.fits.get(_effects_of(fit.candidate), fit), key=lambda f: f.cost)
-
-    def without(self, fit: Fit, indices: Iterable[int]) -> list[Fit]:
-        """Take each of some effects out by itself, and fit the rest again.
-
-        From its present values and from those of the best fit known with the same effects: the
-        values beside an effect are a poor start without it.
-        """
-        starts = []
-        for index in indices:
-            bare = fit.candidate.without(index)
-            starts.append([bare])
-            if known := self.fits.get(_effects_of(bare)):
-                placed = {_name(p): p for p in known.candidate.effects}
-                starts[-1].append(replace(
-                    known.candidate, substeps=bare.substeps,
-                    effects=tuple(placed[_name(p)] for p in bare.effects)))
-        fits = search_all([start for some in starts for start in some], self.parts, 40)
-        best = [min(islice(fits, len(some)), key=lambda fit: fit.cost) for some in starts]
-        for fit in best:
-            self.remember(fit)
-        return best
-
-
-def _effects_of(candidate: Model) -> frozenset[str]:
-    """Name the effects of a candidate with their ports, in whatever order."""
-    return frozenset(map(_name, candidate.effects))
-
-
-def _name(placed: Placed) -> str:
-    """Name an effect with its port."""
-    return f'{placed.effect.id} {placed.port.kind} {placed.port.name}'
 
 
 def grow(base: Fit, alternatives: Sequence[Alternative], context: Context) -> Chain:
@@ -250,11 +151,6 @@ def likely(before: Fit, after: Fit, worth: float) -> bool:
     return gain_p_value(before, after, TRIED) < LEVEL and share(before, after) > worth
 
 
-def share(before: Fit, after: Fit) -> float:
-    """Share of the mean square error that a later fit removes."""
-    return 1.0 - (after.error / max(before.error, 1e-300)) ** 2
-
-
 def _proven(chain: Chain, without: Fit, context: Context) -> Chain:
     """Drop the effects that do not improve held-out data, the least helpful first.
 
@@ -333,41 +229,6 @@ def _leaves_something(chain: Chain, context: Context) -> bool:
             or (doubtful and fit.error > NOISY * noise_floor(by_part(fit))))
 
 
-def explained_share(before: Fit, after: Fit) -> float:
-    """Share of the mean square error above the noise floor that a later fit removes."""
-    floor = noise_floor(by_part(after))
-    return (before.error**2 - after.error**2) / max(before.error**2 - floor**2, 1e-300)
-
-
-def other_findings(chain: Chain, k: int) -> tuple[Finding, ...]:
-    """List the findings but one, as they are without its effect."""
-    gone = chain.findings[k].index
-    return tuple(replace(found, index=found.index - (found.index > gone))
-                 for found in (*chain.findings[:k], *chain.findings[k + 1:]))
-
-
-def finding(without: Fit, fit: Fit, others: Sequence[tuple[Placed, Fit]], index: int) -> Finding:
-    """Describe an effect against the fit without it, and against others in its place.
-
-    Args:
-        without: the fit without the effect.
-        fit: the fit with it.
-        others: another effect and the fit with it instead, each.
-        index: of the effect.
-    """
-    score, *scores = criterion([fit, *(other for _, other in others)])
-    return Finding(
-        index=index, p_value=gain_p_value(without, fit, TRIED),
-        share=share(without, fit),
-        rivals=tuple(sorted(((placed, s - score) for (placed, _), s in zip(
-            others, scores, strict=True)), key=lambda rival: rival[1])))
-
-
-def in_place(alternatives: Sequence[Alternative]) -> list[tuple[Placed, Fit]]:
-    """List what each alternative adds, and its fit."""
-    return [(alternative.placed, alternative.fit) for alternative in alternatives]
-
-
 def _nearest(found: Finding, effect: Effect) -> float:
     """Delta BIC of the closest effect of another name.
 
@@ -408,7 +269,7 @@ def _exchange(chain: Chain, context: Context, last: bool = False,
         last: whether to choose the last one again, too.
         left: sets of effects that were replaced before.
     """
-    left |= {_effects_of(chain.fit.candidate)}
+    left |= {effects_of(chain.fit.candidate)}
     for k, found in enumerate(chain.findings[:None if last else -1]):
         placed = chain.fit.candidate.effects[found.index]
         (without,), rest = context.without(chain.fit, [found.index]), other_findings(chain, k)
@@ -418,7 +279,7 @@ def _exchange(chain: Chain, context: Context, last: bool = False,
         alternatives = context.fit_alternatives(without, AGAIN, RIVALS * chain.fit.error)
         scores = criterion([chain.fit, *(c.fit for c in alternatives)])
         if (alternatives and scores[1] < scores[0] - CLEARLY
-                and _effects_of(alternatives[0].fit.candidate) not in left):
+                and effects_of(alternatives[0].fit.candidate) not in left):
             first, *others = alternatives
             instead = finding(without, first.fit, in_place(others),
                               len(without.candidate.effects))

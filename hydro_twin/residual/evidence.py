@@ -9,8 +9,9 @@ from hydro_twin.fitting.identifiability import Identifiability
 from hydro_twin.fitting.parts import Part
 from hydro_twin.plants import Plant
 from hydro_twin.recording.series import Recording
-from hydro_twin.residual.chain import Finding, HELD_OUT
+from hydro_twin.residual.chain import HELD_OUT
 from hydro_twin.residual.curve import FittedCurve
+from hydro_twin.residual.findings import Finding
 from hydro_twin.residual.noise import Burst
 from hydro_twin.result import BestNamed, Dependence, Hidden, Improvement, Line, Memory
 

@@ -18,22 +18,14 @@ from hydro_twin.plants import Plant
 from hydro_twin.predictors.analytical import Analytical
 from hydro_twin.predictors.scores import errors_by_series, rms
 from hydro_twin.recording.series import moves_alike, Recording, split, split_by_series
-from hydro_twin.residual.chain import (
-    Chain,
-    Context,
-    finely,
-    FINEST,
-    grow,
-    share,
-    supported,
-    without_last,
-    WORTH,
-)
+from hydro_twin.residual.chain import finely, FINEST, grow, supported, without_last, WORTH
+from hydro_twin.residual.context import Context
 from hydro_twin.residual.criterion import by_part
 from hydro_twin.residual.curve import FittedCurve
 from hydro_twin.residual.evaluate import result_of
 from hydro_twin.residual.evidence import Evidence
 from hydro_twin.residual.excerpt import excerpt, harmless_factor, resampled, thin
+from hydro_twin.residual.findings import Chain, share
 from hydro_twin.residual.limits import without_unreached
 from hydro_twin.residual.memory import named, remember
 from hydro_twin.residual.noise import bursts, larger_by_chance, lines, noise_floor

@@ -5,8 +5,8 @@ from collections.abc import Mapping
 
 from hydro_twin.effects import EFFECTS, Span
 from hydro_twin.plants import Plant, Port
-from hydro_twin.residual.chain import Finding
 from hydro_twin.residual.evidence import Evidence
+from hydro_twin.residual.findings import Finding
 from hydro_twin.residual.noise import COLOURED
 from hydro_twin.residual.screen import places, spans
 from hydro_twin.residual.structure import drifts

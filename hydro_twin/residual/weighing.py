@@ -11,15 +11,8 @@ from hydro_twin.fitting.fit import Fit
 from hydro_twin.fitting.parts import Part
 from hydro_twin.fitting.whiteness import is_white
 from hydro_twin.predictors.scores import rms
-from hydro_twin.residual.chain import (
-    Chain,
-    Context,
-    ENOUGH,
-    explained_share,
-    finding,
-    other_findings,
-    PREDICTED,
-)
+from hydro_twin.residual.chain import ENOUGH, PREDICTED
+from hydro_twin.residual.context import Context
 from hydro_twin.residual.criterion import by_part, CLEARLY, criterion
 from hydro_twin.residual.curve import (
     explains_most,
@@ -29,6 +22,7 @@ from hydro_twin.residual.curve import (
     is_drawn,
     outweighs,
 )
+from hydro_twin.residual.findings import Chain, explained_share, finding, other_findings
 from hydro_twin.residual.proof import proof, residuals
 from hydro_twin.residual.reading import readings
 from hydro_twin.residual.select import LONG, search, search_all

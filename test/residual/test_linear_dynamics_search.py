@@ -11,8 +11,8 @@ from benchmarks.tracing.not_quite import CASES, recording
 from hydro_twin.model import place
 from hydro_twin.report.summary import summarise
 from hydro_twin.residual import chain
-from hydro_twin.residual.chain import Finding
 from hydro_twin.residual.criterion import criterion
+from hydro_twin.residual.findings import Finding
 from hydro_twin.residual.select import Alternative, search_all, simplest_first
 from hydro_twin.residual.trace import trace
 from hydro_twin.result import CLOSE

@@ -9,16 +9,10 @@ from traced_rig import fitted, PLANT, record
 
 from hydro_twin.fitting.output_error import residuals
 from hydro_twin.model import place
-from hydro_twin.residual.chain import (
-    _exchange,
-    _proven,
-    Chain,
-    Context,
-    explained_share,
-    Finding,
-    supported,
-)
+from hydro_twin.residual.chain import _exchange, _proven, supported
+from hydro_twin.residual.context import Context
 from hydro_twin.residual.criterion import by_part, likelihood_gain
+from hydro_twin.residual.findings import Chain, explained_share, Finding
 from hydro_twin.residual.select import Alternative, search, searched
 from hydro_twin.result import Improvement
 

@@ -9,8 +9,8 @@ from trace_by_hand import candidate, evidence, parts
 from hydro_twin.fitting.parts import Part
 from hydro_twin.plants import plant_named
 from hydro_twin.report.summary import remainder_sentence, summarise
-from hydro_twin.residual.chain import Finding
 from hydro_twin.residual.evaluate import result_of
+from hydro_twin.residual.findings import Finding
 from hydro_twin.residual.noise import noise_floor
 from hydro_twin.residual.select import search
 from hydro_twin.residual.verdict import named_effects, verdict_of
