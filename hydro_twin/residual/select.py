@@ -313,5 +313,3 @@ def is_distinguishable(fit: Fit, parts: Sequence[Part], index: int = -1) -> bool
     placed = fit.candidate.effects[index]
     return placed.effect.distinguishable is None or placed.effect.distinguishable(
         spans(fit.candidate, parts)[placed.port], placed.values)
-
-
