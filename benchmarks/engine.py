@@ -3,10 +3,10 @@
     python benchmarks/engine.py
 
 The load simulator (4 states) with dry friction, 10 unknowns, 5000 samples. Times are those of the
-processor, on one core, best of three; compilation is told apart. scipy's least_squares takes
-forward differences of the same compiled run; its unknowns are the same, and the state at the start
-with them. At last the search with as many threads of BLAS as there are cores: run it without
-OPENBLAS_NUM_THREADS.
+processor, on one core, best of three; that of compilation is given by itself. scipy's
+least_squares takes forward differences of the same compiled run; its unknowns are the same, and
+the state at the start with them. At last the search with as many threads of BLAS as there are
+cores: run it without OPENBLAS_NUM_THREADS.
 """
 from __future__ import annotations
 

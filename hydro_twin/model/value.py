@@ -146,8 +146,10 @@ class Model:
         return self.plant.start_samples(self.sample_time)
 
     def without(self, index: int) -> Model:
-        """Take one of the effects out."""
-        return replace(self, effects=(*self.effects[:index], *self.effects[index + 1:]))
+        """Take one of the effects out; a negative index counts from the last."""
+        kept = list(self.effects)
+        del kept[index]
+        return replace(self, effects=tuple(kept))
 
     def with_record(self, **changes: Any) -> Model:
         """Change entries of the record, by their names."""

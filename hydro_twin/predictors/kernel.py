@@ -262,10 +262,10 @@ def run(step, x, z, work, inputs, y, seen, first, last):  # type: ignore[no-unty
 
 
 @compiled
-def run_each(step, x, z, work, inputs, y, unseen):  # type: ignore[no-untyped-def]
+def run_each(step, x, z, work, inputs, y, seen):  # type: ignore[no-untyped-def]
     """Fill each row of y (K, N) by a run from its own state x[k] and memory z[k]."""
     for k in range(len(y)):
-        run(step, x[k], z[k], work, inputs, y[k], unseen, 0, len(inputs))
+        run(step, x[k], z[k], work, inputs, y[k], seen, 0, len(inputs))
 
 
 @compiled

@@ -3,7 +3,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
-from itertools import chain, groupby, pairwise
+from itertools import chain, pairwise
 
 import numpy as np
 
@@ -28,9 +28,12 @@ def by_recording(parts: Sequence[Part], sample_time: float) -> list[list[Part]]:
     period = 1e9 * sample_time
     gaps = [abs(after.start - before.start - period * len(before.measured)) > 2.0 * period
             for before, after in pairwise(parts)]
-    number = np.concatenate([[0], np.cumsum(gaps, dtype=np.int64)])
-    return [[part for _, part in some] for _, some in groupby(
-        zip(number.tolist(), parts, strict=True), key=lambda one: one[0])]
+    groups = [[part] for part in parts[:1]]
+    for part, apart in zip(parts[1:], gaps, strict=True):
+        if apart:
+            groups.append([])
+        groups[-1].append(part)
+    return groups
 
 
 def joined(fits: Sequence[Fit]) -> Fit:

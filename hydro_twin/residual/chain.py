@@ -142,8 +142,7 @@ def without_last(base: Fit, better: Fit, parts: Sequence[Part]) -> Fit:
 
     The gain of a longer search must not be credited to the effect.
     """
-    candidate = replace(better.candidate, effects=better.candidate.effects[:-1])
-    return min(base, search(candidate, parts, 40), key=lambda fit: fit.cost)
+    return min(base, search(better.candidate.without(-1), parts, 40), key=lambda fit: fit.cost)
 
 
 def likely(before: Fit, after: Fit, worth: float) -> bool:

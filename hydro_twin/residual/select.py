@@ -217,7 +217,7 @@ def _drifts(fit: Fit) -> bool:
 
 def _goes_with_time(drift: Fit, parts: Sequence[Part]) -> bool:
     """Compare a drift with a model of its own for each recording; see `goes_with_time`."""
-    bare = replace(drift.candidate, effects=drift.candidate.effects[:-1])
+    bare = drift.candidate.without(-1)
     each = by_recording(parts, bare.sample_time)
     return len(each) == 1 or goes_with_time(
         drift, joined([search(bare, some, SHORT) for some in each]))
