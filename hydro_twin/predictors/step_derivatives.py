@@ -1,0 +1,184 @@
+"""The compiled step with its derivatives.
+
+`advance` and `output` do what those of the kernel do, to the last digit, and carry beside the
+state x, the effects' memory z and the output their derivatives X (n, D), Z (memory, D) and (D,) by
+D unknowns. Those of the plant come first, since only they move the matrices.
+"""
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+from hydro_twin.compiled import compiled
+from hydro_twin.plants.plant import FloatArray
+from hydro_twin.predictors import kernel
+from hydro_twin.predictors.input_derivatives import input_rows, slope_at
+from hydro_twin.predictors.kernel import inputs_over, interpolated, observe
+from hydro_twin.predictors.law_derivatives import AFTER, BEFORE, linearise, SIGNAL, SPARE
+from hydro_twin.predictors.port_derivatives import add_effects, add_to_port, observe_rows
+from hydro_twin.predictors.rows import add, clear, put, weigh, WIDTH
+from hydro_twin.predictors.system import System
+
+
+class Rows(NamedTuple):
+    """Derivatives of what a step computes, each (how many, blocks, `WIDTH`): D columns in blocks.
+
+    Attributes:
+        X, Z: of the state and the memory.
+        U0, U1: of the inputs at begin and end of a part of the step.
+        D0, D1: of what effects add to the ports there.
+        L: of the state at the end by the linear laws, then with all that is added.
+        A: of that predicted from what is added at the begin.
+        Z_next: of the memory at the end.
+        spare: of single values.
+    """
+
+    X: FloatArray
+    Z: FloatArray
+    U0: FloatArray
+    U1: FloatArray
+    D0: FloatArray
+    D1: FloatArray
+    L: FloatArray
+    A: FloatArray
+    Z_next: FloatArray
+    spare: FloatArray
+
+
+def rows_for(system: System, blocks: int) -> Rows:
+    """Return rows of zeros, so many blocks of `WIDTH` columns."""
+    n, m, W, P = (len(system.laws.A), len(system.step.shift), system.memory,
+                  len(system.plant.ports))
+    return Rows(*(np.zeros((count, blocks, WIDTH))
+                  for count in (n, W, m, m, P, P, n, n, W, SPARE)))
+
+
+def partials(system: System) -> FloatArray:
+    """Allocate what derivatives of a law are written to, twice."""
+    return np.zeros((2, 1 + system.memory, 5 + len(system.step.p) + system.memory))
+
+
+@compiled
+def advance(step, tangent, x, z, work, rows, g, inputs, k):  # type: ignore[no-untyped-def]
+    """Step state, memory and their derivatives in place from sample k-1 to sample k."""
+    M, H, active, dM = step.M, step.H, step.active, tangent.M
+    X, Z, U0, U1, D0, D1, L, A, Z_next, spare = rows
+    n, m, K, W = len(x), len(step.shift), len(step.effects), len(z)
+    width, P = M.shape[1], H.shape[1] - n - m
+    begin, end, linear, ahead = work[0, :m], work[1, :m], work[2, :n], work[3, :n]
+    d0, d1, z_next, s = work[4, :P], work[5, :P], work[6, :W], work[7]
+    h = step.sample_time / step.substeps
+    kept, at = W - K, n + 2 * m
+    for part in range(step.substeps):
+        inputs_over(step, part, inputs, k, begin, end)
+        if tangent.shifts:
+            input_rows(step, tangent, part, inputs, k, U0, U1)
+        for i in range(n):
+            value = 0.0
+            for j in range(n):
+                value += M[i, j] * x[j]
+            for j in range(m):
+                value += M[i, n + j] * begin[j] + M[i, n + m + j] * end[j]
+            linear[i] = value
+            clear(L, i)
+            weigh(L, i, M[i], X, 0, n)
+            if tangent.moving:
+                weigh(L, i, x, dM, i * width, n)
+                weigh(L, i, begin, dM, i * width + n, m)
+                weigh(L, i, end, dM, i * width + n + m, m)
+            if tangent.shifts:
+                weigh(L, i, M[i, n:], U0, 0, m)
+                weigh(L, i, M[i, n + m:], U1, 0, m)
+        if K > 0:
+            add_effects(step, tangent, x, begin, z, 0.0, s, z_next, d0, X, U0, D0, Z, Z_next,
+                        spare, g)
+            if len(active) > 0:
+                for i in range(n):
+                    value = linear[i]
+                    put(A, i, 1.0, L, i)
+                    for j in active:
+                        value += (M[i, at + j] + M[i, at + P + j]) * d0[j]
+                    for e in range(K):
+                        if step.effects[e].implicit:
+                            j = step.effects[e].port
+                            value += (M[i, at + j] + M[i, at + P + j]) * z[kept + e]
+                    ahead[i] = value
+                for j in active:
+                    add_to_port(step, tangent, A, j, 1.0, 1.0, d0[j], D0, j)
+                for e in range(K):
+                    if step.effects[e].implicit:
+                        add_to_port(step, tangent, A, step.effects[e].port, 1.0, 1.0, z[kept + e],
+                                    Z, kept + e)
+            add_effects(step, tangent, ahead, end, z, h, s, z_next, d1, A, U1, D1, Z, Z_next,
+                        spare, g)
+            for i in range(n):
+                for j in active:
+                    linear[i] += M[i, at + j] * d0[j] + M[i, at + P + j] * d1[j]
+            for j in active:
+                add_to_port(step, tangent, L, j, 1.0, 0.0, d0[j], D0, j)
+                add_to_port(step, tangent, L, j, 0.0, 1.0, d1[j], D1, j)
+            for e in range(K):
+                effect = step.effects[e]
+                if not effect.implicit:
+                    continue
+                port = effect.port
+                s[0] = observe(H, effect.signal_0, linear, end, d1, active)
+                observe_rows(step, tangent, effect.signal_0, linear, end, d1, L, U1, D1, spare,
+                             SIGNAL)
+                clear(spare, BEFORE)
+                added = linearise(step, tangent, e, 0.0, s, z, h, tangent.compliance[e], z_next,
+                                  Z, Z_next, spare, g)
+                for i in range(n):
+                    linear[i] += (M[i, at + port] + M[i, at + P + port]) * added
+                add_to_port(step, tangent, L, port, 1.0, 1.0, added, spare, AFTER)
+                z_next[kept + e] = added
+                put(Z_next, kept + e, 1.0, spare, AFTER)
+            for i in range(W):
+                z[i] = z_next[i]
+                put(Z, i, 1.0, Z_next, i)
+        for i in range(n):
+            x[i] = linear[i]
+            put(X, i, 1.0, L, i)
+
+
+@compiled
+def output(step, tangent, x, z, work, rows, g, inputs, k, dy):  # type: ignore[no-untyped-def]
+    """Return the output at sample k and write its derivatives into dy (D,)."""
+    X, Z, _, U, _, D, _, _, Z_next, spare = rows
+    m, n, W = len(step.shift), len(x), len(z)
+    P = step.H.shape[1] - n - m
+    u, d = work[1, :m], work[5, :P]
+    for j in range(m):
+        u[j] = inputs[k, j]
+        clear(U, j)
+        if step.shift[j] > 0.0:
+            u[j] = interpolated(inputs, j, k, 1.0 - step.shift[j])
+            put(U, j, -slope_at(inputs, j, k, 1.0 - step.shift[j]), tangent.shift, j)
+    if len(step.active) > 0:
+        add_effects(step, tangent, x, u, z, 0.0, work[7], work[6, :W], d, X, U, D, Z, Z_next,
+                    spare, g)
+    observe_rows(step, tangent, P - 1, x, u, d, X, U, D, spare, BEFORE)
+    add(spare, BEFORE, 1.0, D, P - 1)
+    for q in range(len(dy)):
+        dy[q] = spare[BEFORE, q // WIDTH, q % WIDTH]
+    return observe(step.H, P - 1, x, u, d, step.active) + d[P - 1]
+
+
+@compiled
+def read_sensor(step, tangent, row, x, z, work, rows, dy):  # type: ignore[no-untyped-def]
+    """Return what the sensor in a row of H reads, after `output`; its derivatives go to dy."""
+    X, Z, _, U, _, D, _, _, _, spare = rows
+    n, m, kept = len(x), len(step.shift), len(z) - len(step.effects)
+    u, d = work[1, :m], work[5, :step.H.shape[1] - n - m]
+    observe_rows(step, tangent, row, x, u, d, X, U, D, spare, BEFORE)
+    for e in range(len(step.effects)):
+        if step.effects[e].implicit:
+            column = n + m + step.effects[e].port
+            if step.H[row, column] != 0.0:
+                add(spare, BEFORE, step.H[row, column], Z, kept + e)
+            if tangent.moves[row, column]:
+                add(spare, BEFORE, z[kept + e], tangent.H, row * step.H.shape[1] + column)
+    for q in range(len(dy)):
+        dy[q] = spare[BEFORE, q // WIDTH, q % WIDTH]
+    return kernel.read_sensor(step, row, x, z, u, d)
