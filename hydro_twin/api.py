@@ -2,7 +2,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any, TYPE_CHECKING
 
@@ -14,7 +14,7 @@ from hydro_twin.fitting.refit import Refit, Request
 from hydro_twin.model import load_predictor, Model, read_model
 from hydro_twin.plants import Plant, plant_named
 from hydro_twin.plants.plant import FloatArray
-from hydro_twin.predictors import kind_named, modes_of, Predictor
+from hydro_twin.predictors import kind_named, MODES, OBSERVER, Predictor
 from hydro_twin.predictors.analytical import Analytical, deviations
 from hydro_twin.predictors.scores import (
     fit_percent,
@@ -22,6 +22,7 @@ from hydro_twin.predictors.scores import (
     pooled,
     predict,
     rms,
+    runs_over,
     sensor_errors,
 )
 from hydro_twin.progress import Progress, silent
@@ -292,14 +293,23 @@ def replay(data: Data, model: Model | Predictor) -> Replay:
     """
     predictor = (model.at(data.recording.sample_time).predictor() if isinstance(model, Model)
                  else model)
-    horizon = horizon_errors(predictor.model, {'all': data.recording}).get('horizon', {})
-    return Replay(data.plant, data.recording, {
-        mode: predict(predictor, data.recording.series, mode)
-        for mode in modes_of(predictor.model)}, horizon.get('all'),
-        sensor_errors(predictor.sensors, data.plant, data.recording)
-        if isinstance(predictor, Analytical) else {},
-        deviations(predictor, data.recording)
-        if isinstance(predictor, Analytical) and predictor.model.noise else {})
+    recording = data.recording
+    horizon = horizon_errors(predictor.model, {'all': recording}).get('horizon', {})
+    replayed = Replay(data.plant, recording, {
+        mode: predict(predictor, recording.series, mode) for mode in MODES}, horizon.get('all'))
+    if not isinstance(predictor, Analytical):
+        return replayed
+    replayed = replace(replayed, sensors=sensor_errors(predictor.sensors, data.plant, recording))
+    return _with_observer(replayed, predictor) if predictor.model.noise else replayed
+
+
+def _with_observer(replayed: Replay, predictor: Analytical) -> Replay:
+    """Add what the observer predicts, and how well it knows the states."""
+    predictions, estimates = zip(*(
+        [found[part.offset:part.offset + len(part)] for found in run]
+        for part, run in runs_over(predictor.observed, replayed.recording.series)), strict=True)
+    return replace(replayed, predictions={**replayed.predictions, OBSERVER: predictions},
+                   states=deviations(predictor, estimates))
 
 
 def _paths(given: Paths) -> list[Path]:

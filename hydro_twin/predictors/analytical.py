@@ -1,6 +1,7 @@
 """The analytical predictor: the plant's laws with the effects of its model."""
 from __future__ import annotations
 
+from collections.abc import Sequence
 from functools import cached_property
 import math
 from pathlib import Path
@@ -21,7 +22,6 @@ from hydro_twin.recording.series import Series
 if TYPE_CHECKING:
     from hydro_twin.model import Model
     from hydro_twin.predictors.observer import Observer
-    from hydro_twin.recording.series import Recording
 
 HISTORY = 256           # samples of inputs a live run keeps, at least
 
@@ -91,6 +91,16 @@ class Analytical:
         return self.filter.run(self.inputs(series), series[self.plant.output.name],
                                start=series.start)[0][:, 0]
 
+    def observed(self, series: Series) -> tuple[FloatArray, FloatArray]:
+        """Run the observer; returns what `observer` does, and the estimates of `Observer.run`.
+
+        Raises:
+            ModelError: the model has no noise.
+        """
+        results, estimates = self.filter.run(
+            self.inputs(series), series[self.plant.output.name], True, series.start)
+        return results[:, 0], estimates
+
     @cached_property
     def filter(self) -> Observer:
         """The observer; its module is imported when one is needed, since it compiles derivatives.
@@ -114,9 +124,13 @@ class Analytical:
         return FreeRun(self.system) if mode == 'free_run' else OneStep(self)
 
 
-def deviations(predictor: Analytical, recording: Recording
+def deviations(predictor: Analytical, estimates: Sequence[FloatArray]
                ) -> dict[str, dict[str, float | None]]:
-    """Say how well the observer knows each state, and what it has without a measurement.
+    """Say how well the observer knows each state, and how well without a measurement.
+
+    Args:
+        predictor: with the observer.
+        estimates: of each series, by `Analytical.observed`.
 
     Returns:
         By state 'std', the median of the standard deviation after each measurement, and
@@ -125,13 +139,10 @@ def deviations(predictor: Analytical, recording: Recording
     Raises:
         ModelError: the model has no noise.
     """
-    observer, output = predictor.filter, predictor.plant.output.name
     start = predictor.model.noise.start if predictor.model.noise else {}
-    estimates = [observer.run(predictor.inputs(series), series[output], True, series.start)[1]
-                 for series in recording.series]
     found = np.nanmedian(np.concatenate(estimates)[:, 1], axis=0)
     return {name: {'std': float(std), 'free_run': start.get(name)}
-            for name, std in zip(observer.names, found, strict=False)}
+            for name, std in zip(predictor.filter.names, found, strict=False)}
 
 
 def _first(measured: float) -> float:

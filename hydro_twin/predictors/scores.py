@@ -12,7 +12,7 @@ motion has no start of its own, and the errors of the parts are those of the run
 """
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 import math
 from typing import TYPE_CHECKING
 
@@ -70,15 +70,22 @@ def predict(predictor: Predictor, series: Sequence[Series], mode: str) -> list[F
     Returns:
         For each series an array of its length, in the output's unit; nan as `Predictor` says.
     """
-    run = getattr(predictor, mode)
-    runs: dict[int, FloatArray] = {}
-    predictions = []
+    return [predicted[part.offset:part.offset + len(part)]
+            for part, predicted in runs_over(getattr(predictor, mode), series)]
+
+
+def runs_over[Found](run: Callable[[Series], Found], series: Iterable[Series]
+                     ) -> Iterator[tuple[Series, Found]]:
+    """Pair each series, or part of one, with the run over the series it is cut from.
+
+    Each of these is run once.
+    """
+    runs: dict[int, Found] = {}
     for part in series:
         whole = part.whole or part
         if id(whole) not in runs:
             runs[id(whole)] = run(whole)
-        predictions.append(runs[id(whole)][part.offset:part.offset + len(part)])
-    return predictions
+        yield part, runs[id(whole)]
 
 
 def errors_by_series(predictor: Predictor, series: Sequence[Series], mode: str
@@ -115,16 +122,13 @@ def sensor_errors(run: Callable[[Series], Mapping[str, FloatArray]], plant: Plan
     Returns:
         Of each sensor that is in the recording (measured - predicted, measured), each (N,).
     """
-    runs: dict[int, Mapping[str, FloatArray]] = {}
+    names = {sensor.name for sensor in plant.sensors}
     found: dict[str, list[FloatArray]] = {}
-    for part in recording.series:
-        whole = part.whole or part
-        for name in [s.name for s in plant.sensors if s.name in part.columns]:
-            if id(whole) not in runs:
-                runs[id(whole)] = run(whole)
-            first = first_scored(part, plant, 'free_run')
+    for part, read in runs_over(run, (s for s in recording.series if names & s.columns.keys())):
+        first = first_scored(part, plant, 'free_run')
+        for name in [sensor.name for sensor in plant.sensors if sensor.name in part.columns]:
             measured = part[name][first:]
-            predicted = runs[id(whole)][name][part.offset + first:part.offset + len(part)]
+            predicted = read[name][part.offset + first:part.offset + len(part)]
             there = np.isfinite(measured)
             found.setdefault(name, []).append(
                 np.stack([measured - predicted, measured])[:, there])
