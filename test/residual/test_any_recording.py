@@ -126,70 +126,77 @@ def fitted(plant, recording):
     return search(Model(plant, values, sample_time, substeps=2), parts, 2), parts
 
 
-def refused(error):
-    """Assert that what cannot be traced is refused in one line."""
-    assert '\n' not in str(error).strip()
-    assert str(error).strip()
+def attempted(work, *arguments):
+    """Do it; returns what comes of it and '', or None and the error that a user is shown."""
+    try:
+        return work(*arguments), ''
+    except UserError as error:
+        return None, str(error)
+
+
+def is_one_line(said):
+    return said.strip() != '' and '\n' not in said.strip()
 
 
 def is_share(value):
     return 0.0 <= value <= 1.0 + 1e-9       # nan is none
 
 
-def looked_at(fit, parts):
-    """Ask all that a trace asks of a fit, but for full fits of effects."""
-    sample_time = fit.candidate.sample_time
+def failed(checks):
+    """Name the checks that do not hold."""
+    return [name for name, holds in checks.items() if not holds]
+
+
+def wrong_answers(fit, parts):
+    """Ask all that a trace asks of a fit, but for full fits of effects; name the wrong answers."""
+    plant, sample_time = fit.candidate.plant, fit.candidate.sample_time
     residuals = by_part(fit)
-    floor = noise_floor(residuals)
-    assert 0.0 <= floor < np.inf
-    assert is_white(residuals) in (True, False)
-    for line in lines(residuals, sample_time):
-        assert 0.0 < line.frequency <= 0.5 / sample_time
-        assert line.amplitude > 0.0
-    for burst in bursts(residuals):
-        assert 0 <= burst.begin < burst.end <= len(residuals[burst.stretch])
     curves = dependences(fit, parts)
-    for curve in curves:
-        assert np.isfinite(curve.curve).all()
-        assert (np.diff(curve.knots) > 0.0).all()
-    for share, p_value in (drift(fit, parts), predicted_by_ports(fit, parts),
-                           *((curve.share, curve.p_value) for curve in curves)):
-        assert share <= 1.0 + 1e-9      # by cross-validation: below zero where it only harms
-        assert is_share(p_value)
-    said = fit.identifiability()
-    assert all(error is None or error >= 0.0 for error in said.std_error.values())
+    tests = [drift(fit, parts), predicted_by_ports(fit, parts),
+             *((curve.share, curve.p_value) for curve in curves)]
     factor = harmless_factor(fit, parts, 10**6)
-    assert factor >= 1
-    plant = fit.candidate.plant
     taken = thin(excerpt(parts, plant, sample_time, factor), plant, factor)
-    # No sample is made up, and none is taken twice.
-    assert factor * sum(len(part.measured) for part in taken) <= sum(
-        len(part.measured) for part in parts)
-    assert all(np.isin(part.measured, np.concatenate([whole.measured for whole in parts])).all()
-               for part in taken)
+    measured = np.concatenate([whole.measured for whole in parts])
     same = proof(fit, fit, parts, 0)
-    assert (same.relative, same.low, same.high) == (0.0, 0.0, 0.0)
+    return failed({
+        'noise floor': 0.0 <= noise_floor(residuals) < np.inf,
+        'whiteness': is_white(residuals) in (True, False),
+        'lines': all(0.0 < line.frequency <= 0.5 / sample_time and line.amplitude > 0.0
+                     for line in lines(residuals, sample_time)),
+        'bursts': all(0 <= burst.begin < burst.end <= len(residuals[burst.stretch])
+                      for burst in bursts(residuals)),
+        'curves': all(np.isfinite(curve.curve).all() and (np.diff(curve.knots) > 0.0).all()
+                      for curve in curves),
+        # By cross-validation: below zero where it only harms.
+        'shares explained': all(share <= 1.0 + 1e-9 for share, _ in tests),
+        'p-values': all(is_share(p_value) for _, p_value in tests),
+        'standard errors': all(error is None or error >= 0.0
+                               for error in fit.identifiability().std_error.values()),
+        'factor of thinning': factor >= 1,
+        'no sample is taken twice': factor * sum(len(part.measured) for part in taken) <= len(
+            measured),
+        'no sample is made up': all(np.isin(part.measured, measured).all() for part in taken),
+        'no change': (same.relative, same.low, same.high) == (0.0, 0.0, 0.0),
+    })
 
 
 @examples(4)
 @given(cuts(largest=160))
 def test_what_is_asked_of_any_fit_is_answered(drawn):
-    try:
-        fit, parts = fitted(*recording_of(drawn))
-    except UserError as error:
-        return refused(error)
-    return looked_at(fit, parts)
+    found, refusal = attempted(fitted, *recording_of(drawn))
+    assert is_one_line(refusal) if found is None else wrong_answers(*found) == []
 
 
 @pytest.mark.slow
 @examples(8)
 @given(cuts(largest=300))
 def test_screening_and_curves_are_answered_too(drawn):
-    try:
-        fit, parts = fitted(*recording_of(drawn))
-    except UserError as error:
-        return refused(error)
-    looked_at(fit, parts)
+    made, refusal = attempted(fitted, *recording_of(drawn))
+    if made is None:
+        assert is_one_line(refusal)
+        return
+    assert wrong_answers(*made) == []
+    fit, parts = made
     prospects = screen(fit, parts)
     for prospect in prospects:
         assert is_share(prospect.share)
@@ -203,14 +210,35 @@ def test_screening_and_curves_are_answered_too(drawn):
         assert 0.0 < found.proof.low <= found.proof.relative <= found.proof.high <= 1.0
         assert np.isfinite(found.placed.values).all()
         assert all(distance >= 0.0 for _, distance in found.others)
-    return None
+
+
+def wrong_in(found):
+    """Name what does not hold of a result, as it is written: strict JSON, of the schema."""
+    report = json.loads(json.dumps(summarise(found), allow_nan=False))
+    improvement = report['improvement']
+    before, after = (report[when]['free_run']['test'] for when in ('before', 'after'))
+    return failed({
+        'schema': fault(report, 'report') == '',
+        'verdict': report['verdict'] in ('effect_found', 'nothing_missing', 'unexplained'),
+        'effects': bool(report['effects']) == (report['verdict'] == 'effect_found'),
+        'one line': '\n' not in report['says'],
+        'parameters': all(p['value'] is not None and np.isfinite(p['value'])
+                          for when in ('before', 'after')
+                          for p in report['parameters'][when].values()),
+        # Only what improves on data that were not fitted is added.
+        'improvement': (0.0 < improvement['low'] <= improvement['high'] if found.changed
+                        else improvement['relative'] == 0.0),
+        'errors': after <= before if found.changed else report['after'] == report['before'],
+    })
 
 
 @pytest.mark.slow
 @examples(2)
 @given(cuts(largest=300))
 def test_a_trace_ends_in_a_verdict_or_one_line(drawn):
-    ends(*recording_of(drawn))
+    plant, recording = recording_of(drawn)
+    found, refusal = attempted(trace, recording, None, plant)
+    assert is_one_line(refusal) if found is None else wrong_in(found) == []
 
 
 @pytest.mark.slow
@@ -218,7 +246,9 @@ def test_a_trace_ends_in_a_verdict_or_one_line(drawn):
 @examples(3)
 @given(cuts(largest=300, sources=MEASURED))
 def test_a_trace_of_measured_data_ends_in_a_verdict_or_one_line(drawn):
-    ends(*recording_of(drawn, measured))
+    plant, recording = recording_of(drawn, measured)
+    found, refusal = attempted(trace, recording, None, plant)
+    assert is_one_line(refusal) if found is None else wrong_in(found) == []
 
 
 @cache
@@ -230,31 +260,6 @@ def measured(name, source):
         assert main(['import', str(DATA / table), '-o', str(bag), '--map', str(MAPS / table_map),
                      '--json']) == 0
         return read([bag], rig_of(PLANTS[name]))
-
-
-def ends(plant, recording):
-    """Trace, and assert what holds of any result; returns its report, None where refused."""
-    try:
-        found = trace(recording, None, plant)
-    except UserError as error:
-        return refused(error)
-    # As it is written: strict JSON, of the schema.
-    report = json.loads(json.dumps(summarise(found), allow_nan=False))
-    assert fault(report, 'report') == ''
-    assert report['verdict'] in ('effect_found', 'nothing_missing', 'unexplained')
-    assert bool(report['effects']) == (report['verdict'] == 'effect_found')
-    assert '\n' not in report['says']
-    for when in ('before', 'after'):
-        assert all(p['value'] is not None and np.isfinite(p['value'])
-                   for p in report['parameters'][when].values())
-    if found.changed:       # only what improves on data that were not fitted is added
-        assert 0.0 < report['improvement']['low'] <= report['improvement']['high']
-        before, after = (report[when]['free_run']['test'] for when in ('before', 'after'))
-        assert after <= before
-    else:
-        assert report['after'] == report['before']
-        assert report['improvement']['relative'] == 0.0
-    return report
 
 
 @pytest.mark.slow
@@ -270,11 +275,14 @@ def test_short_series_among_long_ones_that_are_thinned():
         x = Model(plant, values, 0.002).system.run(command[:, None], np.zeros(2))
         x = x + 1e-4 * rng.standard_normal(samples)
         series.append(Series({'command': command, 'x': x}, 0.002))
-    ends(plant, Recording(tuple(series)))
+    found, refusal = attempted(trace, Recording(tuple(series)), None, plant)
+    assert is_one_line(refusal) if found is None else wrong_in(found) == []
 
 
 @pytest.mark.slow
 @pytest.mark.skipif(not (DATA / 'faults').is_dir(), reason='HYDRO_TWIN_DATA is not set')
 def test_a_servo_at_its_end_stop():
     rig = rig_of(PLANTS['valve_servo'])
-    ends(rig.plant, read([DATA / 'faults' / 'valve_stop' / 'run0'], rig))
+    recording = read([DATA / 'faults' / 'valve_stop' / 'run0'], rig)
+    found, refusal = attempted(trace, recording, None, rig.plant)
+    assert is_one_line(refusal) if found is None else wrong_in(found) == []
