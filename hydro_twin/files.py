@@ -24,26 +24,23 @@ def written_whole(path: Path) -> Iterator[Path]:
         part.unlink(missing_ok=True)
 
 
-def write_whole(path: Path, content: bytes | str) -> None:
-    """Write a file, text in UTF-8, whole or not at all.
+def write_whole(path: Path, content: bytes | str, *, durable: bool = False) -> None:
+    """Write a file whole or not at all.
+
+    Args:
+        path: of the file.
+        content: of the file, text in UTF-8.
+        durable: have it on the disk before this returns.
 
     Raises:
         OSError: the file cannot be written there.
     """
     with written_whole(path) as part:
         part.write_bytes(content.encode() if isinstance(content, str) else content)
-
-
-def write_durably(path: Path, content: bytes | str) -> None:
-    """Write a file as `write_whole` does, and have it on the disk before this returns.
-
-    Raises:
-        OSError: the file cannot be written there.
-    """
-    with written_whole(path) as part:
-        part.write_bytes(content.encode() if isinstance(content, str) else content)
-        sync(part)
-    sync(path.parent)
+        if durable:
+            sync(part)
+    if durable:
+        sync(path.parent)
 
 
 def sync(path: Path) -> None:

@@ -10,7 +10,7 @@ import shutil
 from typing import TYPE_CHECKING
 
 from hydro_twin.errors import BagError
-from hydro_twin.files import sync, write_durably
+from hydro_twin.files import sync, write_whole
 from hydro_twin.keep.ring import Message, Ring, SECOND
 from hydro_twin.recording.digest import source_of
 from hydro_twin.recording.write import write_messages
@@ -139,7 +139,7 @@ def untraced(folder: Path) -> list[Captured]:
 
 def close(captured: Captured, outcome: str) -> None:
     """Note what became of a capture, so that it is not traced again."""
-    write_durably(captured.folder / OUTCOME, json.dumps({'outcome': outcome}) + '\n')
+    write_whole(captured.folder / OUTCOME, json.dumps({'outcome': outcome}) + '\n', durable=True)
 
 
 def prune(folder: Path, most: int, kept: Collection[Path]) -> None:

@@ -21,7 +21,7 @@ import re
 import shutil
 from typing import Any
 
-from hydro_twin.files import sync, write_durably
+from hydro_twin.files import sync, write_whole
 from hydro_twin.model import read_model
 from hydro_twin.store.change import change
 from hydro_twin.store.version import (
@@ -244,7 +244,8 @@ class Store:
             with (self.path / '.lock').open('w') as lock:
                 fcntl.flock(lock, fcntl.LOCK_EX)
                 if not (self.path / '.gitignore').exists():
-                    write_durably(self.path / '.gitignore', f'.lock\n.*.*\n{CAPTURES}/\n')
+                    write_whole(self.path / '.gitignore', f'.lock\n.*.*\n{CAPTURES}/\n',
+                                durable=True)
                 self._mend(folder)
                 yield folder
         except OSError as error:
@@ -275,9 +276,9 @@ class Store:
                 **more: str | None) -> None:
         """Add to what was decided on a version."""
         made = decision(what, by, evidence, why) | more
-        write_durably(version.folder / DECISION, as_json(
-            {**version.record, 'decisions': [*version.decisions, made]}))
+        write_whole(version.folder / DECISION, as_json(
+            {**version.record, 'decisions': [*version.decisions, made]}), durable=True)
 
     def _point(self, alias: str, name: str) -> None:
         """Have an alias stand for a version, or for none."""
-        write_durably(self.path / alias, f'{name}\n')
+        write_whole(self.path / alias, f'{name}\n', durable=True)

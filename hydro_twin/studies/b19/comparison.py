@@ -10,13 +10,13 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any
 
-from jinja2 import Environment, PackageLoader, StrictUndefined
 from matplotlib import rc_context
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 import numpy as np
 
 from hydro_twin.errors import UserError
+from hydro_twin.report.page import environment
 from hydro_twin.studies.b19.study import (
     five_numbers,
     mann_whitney,
@@ -97,14 +97,13 @@ def table(experiments: Mapping[str, Any]) -> str:
 
 def page(result: Mapping[str, Any]) -> str:
     """Write the HTML page, which needs no other file."""
-    environment = Environment(loader=PackageLoader('hydro_twin.studies.b19', '.'), autoescape=True,
-                              undefined=StrictUndefined, trim_blocks=True, lstrip_blocks=True)
-    environment.filters['rms'] = lambda value: 'diverged' if value is None else f'{value:.5g}'
-    environment.filters['p'] = lambda value: f'{value:.2g}'
+    pages = environment('studies/b19')
+    pages.filters |= {'rms': lambda value: 'diverged' if value is None else f'{value:.5g}',
+                      'p': lambda value: f'{value:.2g}'}
     figures = {name: {'curves': learning_curves(experiment, result['unit']),
                       'boxes': box_plots(experiment, result['unit'])}
                for name, experiment in result['experiments'].items()}
-    return environment.get_template('comparison.html').render(
+    return pages.get_template('comparison.html').render(
         result=result, figures=figures, experiment_titles=EXPERIMENTS, parts=PARTS, modes=MODES,
         mode_titles=MODE_TITLES, titles=TITLES)
 
