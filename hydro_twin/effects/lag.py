@@ -38,13 +38,11 @@ def starts(span: Span) -> Starts:
     return [(samples * span.sample_time,) for samples in (1.0, 2.0, 4.0, 8.0, 16.0, 32.0)]
 
 
-TIME_CONSTANT = EffectParameter('time_constant', 'time constant of the lag', 's', 1e-6, 1e2)
-
 EFFECT = Effect(
     id='lag',
     title='lag',
     kinds=('command',),
-    parameters=(TIME_CONSTANT,),
+    parameters=(EffectParameter('time_constant', 'time constant of the lag', 's', 1e-6, 1e2),),
     starts=starts,
     excitation='use steps or fast sinusoids',
     hides=True,

@@ -1,11 +1,11 @@
 """Lag of a measurement: a filter before the card, or a slow transducer."""
 from __future__ import annotations
 
+from dataclasses import replace
 import math
 
 from hydro_twin.compiled import compiled
-from hydro_twin.effects.effect import Effect
-from hydro_twin.effects.lag import starts, TIME_CONSTANT
+from hydro_twin.effects.lag import EFFECT as OF_COMMANDS
 
 
 @compiled
@@ -28,15 +28,4 @@ def law(v, s, p, z, h, c, z_next):  # type: ignore[no-untyped-def]
     return v + z_next[0]
 
 
-EFFECT = Effect(
-    id='lag',
-    title='lag',
-    kinds=('sensor',),
-    parameters=(TIME_CONSTANT,),
-    starts=starts,
-    excitation='use steps or fast sinusoids',
-    hides=True,
-    dynamic=True,
-    law=law,
-    memory=3,
-)
+EFFECT = replace(OF_COMMANDS, kinds=('sensor',), law=law, memory=3, shows=())

@@ -50,16 +50,14 @@ def starts(span: Span) -> Starts:
             for samples in (3.0, 6.0, 12.0, 24.0, 48.0) for damping in (0.7, 0.15)]
 
 
-PARAMETERS = (
-    EffectParameter('natural_frequency', 'undamped natural frequency', 'Hz', 1e-3, 1e5),
-    EffectParameter('damping_ratio', 'damping over the critical one', '1', 1e-3, 1.0),
-)
-
 EFFECT = Effect(
     id='mode',
     title='second-order mode',
     kinds=('command',),
-    parameters=PARAMETERS,
+    parameters=(
+        EffectParameter('natural_frequency', 'undamped natural frequency', 'Hz', 1e-3, 1e5),
+        EffectParameter('damping_ratio', 'damping over the critical one', '1', 1e-3, 1.0),
+    ),
     starts=starts,
     excitation='use steps, or sinusoids up to the frequency of the mode',
     hides=True,

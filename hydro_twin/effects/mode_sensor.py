@@ -1,11 +1,12 @@
 """Mode of a measurement: a resonance of the transducer, or a filter of second order."""
 from __future__ import annotations
 
+from dataclasses import replace
 import math
 
 from hydro_twin.compiled import compiled
-from hydro_twin.effects.effect import Effect
-from hydro_twin.effects.mode import PARAMETERS, starts, TURN
+from hydro_twin.effects.mode import EFFECT as OF_COMMANDS
+from hydro_twin.effects.mode import TURN
 
 
 @compiled
@@ -37,16 +38,4 @@ def law(v, s, p, z, h, c, z_next):  # type: ignore[no-untyped-def]
     return v + z_next[0]
 
 
-EFFECT = Effect(
-    id='mode',
-    title='second-order mode',
-    kinds=('sensor',),
-    parameters=PARAMETERS,
-    starts=starts,
-    excitation='use steps, or sinusoids up to the frequency of the mode',
-    hides=True,
-    dynamic=True,
-    simpler='lag',
-    law=law,
-    memory=4,
-)
+EFFECT = replace(OF_COMMANDS, kinds=('sensor',), law=law, memory=4, shows=())
