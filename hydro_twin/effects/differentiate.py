@@ -3,63 +3,17 @@
 Forward mode: beside each variable goes its derivative by each of those that it depends on; the
 partial derivatives of an expression by its variables are found in reverse. Branches and loops stay
 as they are.
-
-At a kink the derivative is one-sided: abs has that of rising from 0, min and max that of their
-first argument where both are equal, and a branch that of the side that the condition takes. A
-power of zero with an infinite slope has the slope 0.
 """
 from __future__ import annotations
 
 import ast
 from collections.abc import Callable, Sequence
 import inspect
-import math
 import textwrap
-from types import ModuleType
 from typing import Any
 
-INACTIVE = {'int', 'len', 'range', 'round', 'math.isinf', 'math.isnan', 'math.floor',
-            'math.ceil', 'float'}
-# result r of operands a and b -> partial derivatives by each
-BINARY: dict[type[ast.operator], tuple[str, str, str]] = {
-    ast.Add: ('{a} + {b}', '1.0', '1.0'),
-    ast.Sub: ('{a} - {b}', '1.0', '-1.0'),
-    ast.Mult: ('{a} * {b}', '{b}', '{a}'),
-    ast.Div: ('{a} / {b}', '1.0 / {b}', '-{r} / {b}'),
-    ast.Pow: ('{a} ** {b}', 'by_base({a}, {b})', 'by_exponent({a}, {r})'),
-}
-FUNCTIONS: dict[str, tuple[str, ...]] = {
-    'min': ('1.0 if {a} <= {b} else 0.0', '0.0 if {a} <= {b} else 1.0'),
-    'max': ('1.0 if {a} >= {b} else 0.0', '0.0 if {a} >= {b} else 1.0'),
-    'abs': ('1.0 if {a} >= 0.0 else -1.0',),
-    'math.fabs': ('1.0 if {a} >= 0.0 else -1.0',),
-    'math.copysign': ('math.copysign(1.0, {b}) * (1.0 if {a} >= 0.0 else -1.0)', '0.0'),
-    'math.exp': ('{r}',),
-    'math.log': ('1.0 / {a}',),
-    'math.sqrt': ('0.5 / {r} if {r} > 0.0 else 0.0',),
-    'math.sin': ('math.cos({a})',),
-    'math.cos': ('-math.sin({a})',),
-    'math.tan': ('1.0 + {r} * {r}',),
-    'math.atan': ('1.0 / (1.0 + {a} * {a})',),
-    'math.sinh': ('math.cosh({a})',),
-    'math.cosh': ('math.sinh({a})',),
-    'math.tanh': ('1.0 - {r} * {r}',),
-    'math.hypot': ('{a} / {r} if {r} > 0.0 else 0.0', '{b} / {r} if {r} > 0.0 else 0.0'),
-}
-PRELUDE = """import math
-
-from hydro_twin.compiled import compiled
-
-
-@compiled
-def by_base(a, b):
-    return b * a ** (b - 1.0) if a != 0.0 or b >= 1.0 else 0.0
-
-
-@compiled
-def by_exponent(a, r):
-    return r * math.log(a) if a > 0.0 else 0.0
-"""
+from hydro_twin.effects.rules import BINARY, FUNCTIONS, INACTIVE
+from hydro_twin.effects.syntax import assigned, Inlined, loaded, names_in
 
 
 class NoTangent(Exception):  # noqa: N818
@@ -84,7 +38,7 @@ class Function:
         self.count = 0
         self.indent = 1
         nodes = [n for statement in self.body for n in ast.walk(statement)]
-        self.pairs = [pair for node in nodes for pair in _assigned(node)]
+        self.pairs = [pair for node in nodes for pair in assigned(node)]
         self.stored = [n.id for n in nodes
                        if isinstance(n, ast.Name) and isinstance(n.ctx, ast.Store)]
         self.begin()
@@ -92,7 +46,7 @@ class Function:
         # Set once and for all, or never: nothing else to begin with.
         written = [ast.unparse(target) for target, _ in self.pairs]
         self.once = {x for x in self.seeds if x not in written} | {
-            ast.unparse(target) for statement in self.body for target, _ in _assigned(statement)
+            ast.unparse(target) for statement in self.body for target, _ in assigned(statement)
             if written.count(ast.unparse(target)) == 1 and isinstance(target, ast.Name)}
 
     def begin(self) -> None:
@@ -161,7 +115,7 @@ class Function:
     def plain(self, node: ast.expr) -> str:
         """Write an expression as it is, numbers of the module put in."""
         local = {*self.arguments, *self.stored}
-        return ast.unparse(_Inlined(self.globals, local).visit(loaded(node)))
+        return ast.unparse(Inlined(self.globals, local).visit(loaded(node)))
 
     def nested(self, head: str, statements: Sequence[ast.stmt]) -> None:
         """Write a block under its head."""
@@ -174,7 +128,7 @@ class Function:
 
     def statement(self, node: ast.stmt) -> None:
         """Write one statement with its derivatives."""
-        if pairs := _assigned(node):
+        if pairs := assigned(node):
             targets = {name for target, _ in pairs for name in names_in(target)}
             if len(pairs) > 1 and any(targets & names_in(value) for _, value in pairs):
                 raise NoTangent(ast.unparse(node))
@@ -306,52 +260,6 @@ class Function:
         return result
 
 
-class _Inlined(ast.NodeTransformer):
-    """Puts the numbers of a module in the place of their names."""
-
-    def __init__(self, names: dict[str, Any], local: set[str]) -> None:
-        self.names, self.local = names, local
-
-    def visit_Name(self, node: ast.Name) -> ast.expr:
-        """Replace a global number."""
-        return node if node.id in self.local else self.number(self.names.get(node.id), node)
-
-    def visit_Attribute(self, node: ast.Attribute) -> ast.expr:
-        """Replace a number of an imported module, as math.pi."""
-        owner = self.names.get(node.value.id) if isinstance(node.value, ast.Name) else None
-        return self.number(getattr(owner, node.attr, None), node) if isinstance(
-            owner, ModuleType) else node
-
-    def number(self, value: Any, node: ast.expr) -> ast.expr:
-        """Write a number, or leave what is none."""
-        if not isinstance(value, int | float):
-            return node
-        written = repr(value) if math.isfinite(value) else f"float('{value}')"
-        return ast.parse(written, mode='eval').body
-
-
-def _assigned(node: ast.AST) -> list[tuple[ast.expr, ast.expr]]:
-    """List the targets of an assignment with what each is set to."""
-    if isinstance(node, ast.AugAssign):
-        return [(node.target, ast.BinOp(loaded(node.target), node.op, node.value))]
-    if not isinstance(node, ast.Assign) or len(node.targets) != 1:
-        return []
-    target = node.targets[0]
-    if isinstance(target, ast.Tuple) and isinstance(node.value, ast.Tuple):
-        return list(zip(target.elts, node.value.elts, strict=True))
-    return [(target, node.value)]
-
-
 def _rate(variable: str, seed: str) -> str:
     """Name the derivative of a variable by a seed."""
     return f'd{seed}_' + ''.join(x if x.isalnum() else '_' for x in variable)
-
-
-def names_in(node: ast.AST) -> set[str]:
-    """List the names in a piece of code."""
-    return {n.id for n in ast.walk(node) if isinstance(n, ast.Name)}
-
-
-def loaded(node: ast.expr) -> ast.expr:
-    """Return a copy of an expression that is read, as that of an assignment's target."""
-    return ast.parse(ast.unparse(node), mode='eval').body

@@ -10,7 +10,8 @@ import ast
 from collections.abc import Callable
 from typing import Any
 
-from hydro_twin.effects.differentiate import Function, loaded, names_in, NoTangent
+from hydro_twin.effects.differentiate import Function, NoTangent
+from hydro_twin.effects.syntax import loaded, names_in
 
 # Columns of the partial derivatives: value, both signals, compliance, then parameters and memory.
 VALUE, SIGNAL, COMPLIANCE, PARAMETER = 0, 1, 3, 4

@@ -13,8 +13,9 @@ from typing import Any
 import numpy as np
 
 from hydro_twin.compiled import compiled, generated
-from hydro_twin.effects.differentiate import NoTangent, PRELUDE
+from hydro_twin.effects.differentiate import NoTangent
 from hydro_twin.effects.dispatch import apply, LAWS
+from hydro_twin.effects.rules import PRELUDE
 from hydro_twin.effects.tangent import law_differences, law_tangent, WEIGH
 
 NAME = 'hydro_twin_tangents'

@@ -8,7 +8,8 @@ import pytest
 
 from hydro_twin.compiled import compiled
 from hydro_twin.effects import bias, curve, dead_zone, EFFECTS, friction
-from hydro_twin.effects.differentiate import NoTangent, PRELUDE
+from hydro_twin.effects.differentiate import NoTangent
+from hydro_twin.effects.rules import PRELUDE
 from hydro_twin.effects.tangent import law_differences, law_tangent, WEIGH
 
 
