@@ -46,6 +46,10 @@ def cache_folder() -> Path:
 
 CACHE = cache_folder()
 numba.config.CACHE_DIR = str(CACHE)  # type: ignore[attr-defined]
+# The loops here are too short to vectorise (but see `rows`), and at level 3 LLVM takes half as
+# long again to compile what then runs no faster.
+numba.config.LOOP_VECTORIZE = 0  # type: ignore[attr-defined]
+numba.config.OPT = type(numba.config.OPT)(2)  # type: ignore[attr-defined]
 
 
 class _Notice(event.Listener):

@@ -21,7 +21,7 @@ from hydro_twin.predictors import sensitivities
 from hydro_twin.predictors.follow import follow_by, Followed, NOBODY
 from hydro_twin.predictors.kernel import LIMIT
 from hydro_twin.predictors.quantities import quantities_of
-from hydro_twin.predictors.rows import WIDTH
+from hydro_twin.predictors.rows import in_rows, WIDTH
 from hydro_twin.predictors.sensitivities import partials, Rows, rows_for
 from hydro_twin.predictors.system import System
 from hydro_twin.predictors.tangents import NONE, tangent_of
@@ -205,8 +205,8 @@ class Observation:
     def __init__(self, observer: Observer, x: FloatArray, z: FloatArray) -> None:
         """Begin with the covariance of the start; state and memory are moved in place."""
         self.observer, self.x, self.z = observer, x, z
-        system, S = observer.system, observer.filter.start.copy()
-        n, w, blocks = len(x), len(z), S.reshape(len(S), -1, WIDTH)
+        system, blocks = observer.system, in_rows(observer.filter.start)
+        n, w, S = len(x), len(z), blocks.reshape(len(blocks), -1)
         rows = rows_for(system, blocks.shape[1])._replace(X=blocks[:n], Z=blocks[n:n + w])
         self.scratch = Scratch(S, rows, blocks[n + w:], system.work(), partials(system),
                                np.zeros(S.shape[1]))

@@ -21,18 +21,31 @@ import numpy as np
 from hydro_twin.plants.plant import FloatArray
 
 WIDTH = 16
+LINE = 64               # bytes in a line of the cache
 DOUBLE, INDEX = ir.DoubleType(), ir.IntType(64)
 POINTER = DOUBLE.as_pointer()
 VECTOR = ir.VectorType(DOUBLE, WIDTH)
+
+
+def zeros(count: int, vectors: int) -> FloatArray:
+    """Allocate rows of zeros, (count, vectors, `WIDTH`), aligned to the lines of the cache.
+
+    A vector that lies across two lines takes twice as long, and longer where it was just written.
+    """
+    numbers, line = count * vectors * WIDTH, LINE // 8
+    room = np.zeros(numbers + line)
+    first = -(room.ctypes.data // 8) % line
+    found: FloatArray = room[first:first + numbers].reshape(count, vectors, WIDTH)
+    return found
 
 
 def in_rows(columns: FloatArray) -> FloatArray:
     """Lay out (..., D) as rows, (rows, vectors, `WIDTH`), with nought beyond D."""
     count, D = math.prod(columns.shape[:-1]), columns.shape[-1]
     vectors = math.ceil(D / WIDTH)
-    rows = np.zeros((count, vectors * WIDTH))
-    rows[:, :D] = columns.reshape(count, D)
-    return rows.reshape(count, vectors, WIDTH)
+    rows = zeros(count, vectors)
+    rows.reshape(count, vectors * WIDTH)[:, :D] = columns.reshape(count, D)
+    return rows
 
 
 def _vector(builder: Any, row: Any, index: Any) -> Any:

@@ -17,7 +17,7 @@ from hydro_twin.predictors.input_derivatives import input_rows, slope_at
 from hydro_twin.predictors.kernel import inputs_over, interpolated, observe
 from hydro_twin.predictors.law_derivatives import AFTER, BEFORE, linearise, SIGNAL, SPARE
 from hydro_twin.predictors.port_derivatives import add_effects, add_to_port, observe_rows
-from hydro_twin.predictors.rows import add, clear, put, weigh, WIDTH
+from hydro_twin.predictors.rows import add, clear, put, weigh, WIDTH, zeros
 from hydro_twin.predictors.system import System
 
 
@@ -50,7 +50,7 @@ def rows_for(system: System, blocks: int) -> Rows:
     """Return rows of zeros, so many blocks of `WIDTH` columns."""
     n, m, W, P = (len(system.laws.A), len(system.step.shift), system.memory,
                   len(system.plant.ports))
-    return Rows(*(np.zeros((count, blocks, WIDTH))
+    return Rows(*(zeros(count, blocks)
                   for count in (n, W, m, m, P, P, n, n, W, SPARE)))
 
 

@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 
 from hydro_twin.compiled import compiled
-from hydro_twin.predictors.rows import add, clear, in_rows, put, weigh, WIDTH
+from hydro_twin.predictors.rows import add, clear, in_rows, LINE, put, weigh, WIDTH
 
 
 @compiled
@@ -30,3 +30,9 @@ def test_sums_of_rows_are_those_of_numpy(columns):
     flat = done.reshape(5, -1)
     np.testing.assert_allclose(flat[:, :columns], expected, rtol=1e-14, atol=1e-14)
     assert not flat[:, columns:].any()
+
+
+@pytest.mark.parametrize('columns', [1, WIDTH + 1])
+def test_rows_begin_on_lines_of_the_cache(columns):
+    for _ in range(20):
+        assert in_rows(np.ones((3, columns))).ctypes.data % LINE == 0
