@@ -16,6 +16,7 @@ from hydro_twin.recording.series import Series
 
 CLOSE = 10.0            # difference in BIC below which the data do not decide between two laws
 NEAR = 100.0            # difference in BIC up to which a rival is near
+CERTAIN = 0.99          # probability from which a law is certain
 # The test part: the first third of every series, or the second sixth, or every third series.
 THIRD, SIXTH, SERIES = 3, 6, 1
 
@@ -103,7 +104,9 @@ class NamedEffect:
         placed: the effect with its values.
         p_value: of what it adds to the others, for all that was tried.
         share: of the mean square error without it that it takes off.
-        certain: of the law; where it sits may still be open.
+        settled: whether no test finds anything in the residual that may hide another law.
+        probability: that this is the law; where it sits may still be open.
+        ports: probability of each port at which it may sit, given the effect; its own first.
         other_ports: where it would explain as much.
         rivals: (id, difference in BIC) of other effects in its place, nearest first.
     """
@@ -112,7 +115,9 @@ class NamedEffect:
     placed: Placed
     p_value: float
     share: float
-    certain: bool
+    settled: bool
+    probability: float
+    ports: Mapping[str, float]
     other_ports: tuple[str, ...]
     rivals: tuple[tuple[str, float], ...]
 
@@ -125,6 +130,11 @@ class NamedEffect:
     def port(self) -> str:
         """The name of its port."""
         return self.placed.port.name
+
+    @property
+    def certain(self) -> bool:
+        """Whether the data single out this law."""
+        return self.probability >= CERTAIN
 
     @property
     def close(self) -> tuple[str, ...]:
@@ -324,6 +334,10 @@ class TraceResult:
     """What a trace found.
 
     Attributes:
+        nothing, law_unknown: probabilities that nothing is missing, and that a law is missing
+            which is not known; what they leave of one is that of the effects named.
+        evidence_left: what the port signals predict of the residual on data that were not fitted,
+            as a gain of the log-likelihood [nats].
         tested: the test part: the first third (3) of every series, its second sixth (6), or
             recordings of its own (0).
         horizon: longest window [s] of the error over a horizon, where the plant integrates.
@@ -352,6 +366,9 @@ class TraceResult:
 
     plant: Plant
     verdict: VerdictKind
+    nothing: float
+    law_unknown: float
+    evidence_left: float
     tested: int
     horizon: float | None
     before: Model

@@ -16,6 +16,7 @@ Number = float | Text
 Column = str | float                # a name that may be a number
 Positive = Annotated[float, Meta(gt=0.0)]
 NotNegative = Annotated[float, Meta(ge=0.0)]
+Probability = Annotated[float, Meta(ge=0.0, le=1.0)]
 Errors = dict[str, dict[str, float | None]]      # mode -> part -> RMS
 Digest = Annotated[str, Meta(pattern='^[0-9a-f]{64}$')]
 
@@ -207,6 +208,9 @@ class ReportEffect(Struct, kw_only=True):
     p_value: float
     share_of_residual: float
     certain: bool
+    probability: Annotated[Probability, Meta(description='that this is the law')]
+    ports: Annotated[dict[str, Probability], Meta(
+        description='probability of each port, given the effect')]
     rivals: tuple[Rival, ...]
 
 
@@ -253,6 +257,12 @@ class ReportFile(Struct, kw_only=True):
     plant: str
     verdict: Literal['effect_found', 'nothing_missing', 'unexplained']
     says: str
+    nothing: Annotated[Probability, Meta(description='that nothing is missing')]
+    law_unknown: Annotated[Probability, Meta(
+        description='that a law is missing which is not known; what both leave of 1 is that of '
+                    'the effects named')]
+    evidence_left: Annotated[NotNegative, Meta(
+        description='what the port signals predict of the residual, as a log-likelihood [nats]')]
     tested: str
     effects: tuple[ReportEffect, ...]
     found: dict[str, Any] | None

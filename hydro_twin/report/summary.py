@@ -39,6 +39,9 @@ def summarise(result: TraceResult) -> dict[str, Any]:
         'plant': result.plant.name,
         'verdict': result.verdict,
         'says': sentence(result),
+        'nothing': result.nothing,
+        'law_unknown': result.law_unknown,
+        'evidence_left': result.evidence_left,
         'tested': TESTED[result.tested],
         'effects': [_effect(effect, estimates[effect.index]) for effect in result.effects],
         'found': result.found and _found(result.found, estimates[-1]),
@@ -194,6 +197,7 @@ def _effect(effect: NamedEffect, estimates: dict[str, Any]) -> dict[str, Any]:
         'parameters': estimates,
         'p_value': effect.p_value, 'share_of_residual': effect.share,
         'certain': effect.certain,
+        'probability': effect.probability, 'ports': dict(effect.ports),
         'rivals': [{'id': name, 'delta_bic': distance} for name, distance in effect.rivals],
     }
 

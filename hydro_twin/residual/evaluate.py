@@ -28,6 +28,7 @@ from hydro_twin.predictors.scores import (
 )
 from hydro_twin.recording.series import Series
 from hydro_twin.residual.evidence import Evidence
+from hydro_twin.residual.probability import of_verdict
 from hydro_twin.residual.shape import shape_of
 from hydro_twin.residual.structure import drifts
 from hydro_twin.residual.verdict import is_structured, LIKELY, named_effects, verdict_of
@@ -69,9 +70,11 @@ def result_of(found: Evidence) -> TraceResult:
     models['before'] = _observed(models['before'], found)
     models['after'] = (models['before'] if found.final is found.before else
                        _observed(models['after'], found))
-    effects = named_effects(found)
+    effects, verdict = named_effects(found), verdict_of(found)
+    nothing, law_unknown = of_verdict(verdict, effects)
     return TraceResult(
-        plant=found.plant, verdict=verdict_of(found), tested=found.tested,
+        plant=found.plant, verdict=verdict, nothing=nothing, law_unknown=law_unknown,
+        evidence_left=found.evidence_left, tested=found.tested,
         horizon=HORIZON if found.plant.integrates else None,
         before=models['before'], after=models['after'],
         combinations={when: combination_estimates(fits[when], known[when]) for when in fits},

@@ -3,6 +3,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+import math
 
 from hydro_twin.fitting.fit import Fit
 from hydro_twin.fitting.identifiability import Identifiability
@@ -10,12 +11,14 @@ from hydro_twin.fitting.parts import Part
 from hydro_twin.plants import Plant
 from hydro_twin.recording.series import Recording
 from hydro_twin.residual.chain import HELD_OUT
+from hydro_twin.residual.criterion import by_part
 from hydro_twin.residual.curve import FittedCurve
 from hydro_twin.residual.findings import Finding
-from hydro_twin.residual.noise import Burst
+from hydro_twin.residual.noise import Burst, effective_samples
 from hydro_twin.result import BestNamed, Dependence, Hidden, Improvement, Line, Memory
 
 LOUD = 6.0              # error over that of the noise, beyond which it cannot all be noise
+ALL = 1.0 - 1e-9        # share of a residual beyond which its logarithm is rounding
 
 
 @dataclass(frozen=True)
@@ -73,6 +76,12 @@ class Evidence:
     def final(self) -> Fit:
         """The model with all that was found, named or not."""
         return self.after if self.found is None else self.found.fit
+
+    @property
+    def evidence_left(self) -> float:
+        """What the port signals predict of what is left, as a log-likelihood [nats]."""
+        share = min(max(self.by_ports[0], 0.0), ALL)
+        return 0.5 * effective_samples(by_part(self.after)) * math.log(1.0 / (1.0 - share))
 
     @property
     def additions(self) -> int:

@@ -8,9 +8,10 @@ from hydro_twin.plants import Plant, Port
 from hydro_twin.residual.evidence import Evidence
 from hydro_twin.residual.findings import Finding
 from hydro_twin.residual.noise import COLOURED
+from hydro_twin.residual.probability import chance, shares, unknown
 from hydro_twin.residual.screen import places, spans
 from hydro_twin.residual.structure import drifts
-from hydro_twin.result import CLOSE, NamedEffect, NEAR, VerdictKind
+from hydro_twin.result import CLOSE, NamedEffect, VerdictKind
 
 LEFT = 0.01             # share of the residual that ports may predict if a law is right
 LIKELY = 0.05           # p-value of that share, if the residual is white; else 1
@@ -54,12 +55,17 @@ def _judge(found: Evidence, finding: Finding, reach: Mapping[Port, Span]) -> Nam
     rivals = _by_id(finding, placed.effect.id, alike)
     samples = len(found.after.main.residual)
     telling = finding.share / (1.0 - min(finding.share, 1.0 - 1e-12)) * samples
+    settled = (telling > TELLING and not is_structured(found, LIKELY if found.white else 1.0)
+               and found.after.error < COLOURED * found.floor
+               and (found.white or found.larger_by_chance > LARGER))
+    among = shares({placed.effect.id: 0.0, **dict(rivals)}, samples)
     return NamedEffect(
-        finding.index, placed, finding.p_value, finding.share,
-        certain=telling > TELLING and not is_structured(found, LIKELY if found.white else 1.0)
-        and found.after.error < COLOURED * found.floor
-        and (found.white or found.larger_by_chance > LARGER)
-        and all(distance > NEAR for _, distance in rivals),
+        finding.index, placed, finding.p_value, finding.share, settled,
+        probability=(1.0 - chance(finding.p_value)) * (1.0 - unknown(settled))
+        * among[placed.effect.id],
+        ports=shares({placed.port.name: 0.0, **dict.fromkeys(other_ports, 0.0), **{
+            rival.port.name: distance for rival, distance in reversed(finding.rivals)
+            if rival.effect.id == placed.effect.id}}, samples),
         other_ports=other_ports, rivals=rivals)
 
 
