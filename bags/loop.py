@@ -60,7 +60,7 @@ class Watcher:
 
     @property
     def now(self) -> float:
-        """Seconds since the begin."""
+        """Seconds since the start."""
         return time.monotonic() - self.begin
 
     def _residual(self, message: JointState) -> None:

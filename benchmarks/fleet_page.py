@@ -3,7 +3,7 @@
     uv run --group dev python -m benchmarks.fleet_page [--rigs 1000] [--keep PAGE]
 
 The fleet is made up: six parameters, five periods, three types, rigs with one effect or none.
-Times are those of headless Chromium, which must be installed, from the begin of the navigation:
+Times are those of headless Chromium, which must be installed, from the start of the navigation:
 until the rows are there (DOMContentLoaded), and until the second frame after the page has loaded,
 when it is painted. Beside them is the processor time that the browser took in all, less that for
 an empty page, since the clock says little where a machine is busy.

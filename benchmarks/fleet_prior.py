@@ -1,4 +1,4 @@
-"""What rigs with 3 s of data gain from their group: fits alone, and with the prior of the others.
+"""What rigs with 3 s of data gain from their group: fits without and with the prior of the others.
 
     uv run --group dev python -m benchmarks.fleet_prior [--rigs 16]
 

@@ -3,7 +3,7 @@
     uv run --group dev python -m benchmarks.fleet_study out/study [--rigs 200]
 
 Process valves of three types, one in ten with an effect, recorded once each and traced by the
-verb `fleet`. A run that was stopped goes on where it was. What single traces find is beside what
+verb `fleet`. A run that was stopped resumes where it was. What single traces find is beside what
 the fleet shows: it marks the rigs that are not as the others of their type, too.
 """
 from __future__ import annotations

@@ -5,8 +5,8 @@
 A rig, its twin and `keep` (policy `auto`) run as processes. A capture is asked for again and
 again, so that something is captured, traced or judged at most moments. After each kill, by
 SIGKILL, the store must read whole, with every version and every capture that it had; the process
-is started anew as it was at first, the twin with the first model. In the end the twin must run the
-champion.
+is started again as it was at first, the twin with the first model. In the end the twin must run
+the champion.
 """
 from __future__ import annotations
 
@@ -73,7 +73,7 @@ class Processes:
         return None
 
     def kill(self, name: str) -> bool:
-        """Kill one of them, and start it anew; whether it was there."""
+        """Kill one of them, and start it again; whether it was there."""
         if name == 'tracer':
             pid = self.tracer()
             if pid is not None:

@@ -120,7 +120,7 @@ def optimisers(problem: Problem) -> None:
 
 
 def processor_time() -> float:
-    """Seconds of this process and of those it has ended: tells on a machine that is shared."""
+    """Seconds of this process and of those it has ended: a fair measure on a shared machine."""
     usage = (resource.getrusage(who)
              for who in (resource.RUSAGE_SELF, resource.RUSAGE_CHILDREN))
     return sum(u.ru_utime + u.ru_stime for u in usage)

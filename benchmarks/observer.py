@@ -84,7 +84,7 @@ def faulty(measured: FloatArray, rng: np.random.Generator) -> FloatArray:
 
 
 def soak(samples: int) -> None:
-    """Step one live observer through so many spoilt samples; raise where it is no longer sound."""
+    """Step one live observer through so many faulty samples; raise where it is no longer sound."""
     rng = np.random.default_rng(2)
     model = predictor('dry friction and dead zone')
     stepper = model.stepper('observer')

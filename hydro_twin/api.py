@@ -1,4 +1,4 @@
-"""The Python interface, which the commands are thin over: `import hydro_twin as ht`."""
+"""The Python interface, on which the commands are thin layers: `import hydro_twin as ht`."""
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
@@ -241,7 +241,7 @@ def trace(data: Data, model: Model | None = None, seed: int = 0, *,
     Args:
         data: what it is to explain.
         model: an analytical one to start from; None: a fresh fit.
-        seed: of all that is random.
+        seed: of the random numbers.
         command: what the model file is to say that it was made by.
         show: shows what is being done.
 

@@ -1,4 +1,4 @@
-"""What other packages bring: plants, effects and the like, by entry points."""
+"""What other packages provide: plants, effects and more, by entry points."""
 from __future__ import annotations
 
 from importlib import import_module
@@ -77,7 +77,7 @@ def _loaded[T](entry: EntryPoint, group: str, kind: type[T]) -> T:
              f'of {group}')
     try:
         value = entry.load()
-    except Exception as error:      # whatever the import of a foreign module raises
+    except Exception as error:      # whatever the import of a third-party module raises
         raise UserError(f'{about}, which cannot be loaded: {error}') from error
     if not isinstance(value, kind):
         raise UserError(f'{about}, which is no {kind.__name__}')

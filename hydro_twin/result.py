@@ -85,7 +85,7 @@ class OverTime:
     """How a parameter of the plant went over time.
 
     Attributes:
-        time: [s] from the begin of the recording, (K,).
+        time: [s] from the start of the recording, (K,).
         values: of the parameter by its law, (K,).
         free: of the parameter as the recording shows them at some times, without any law.
     """
@@ -200,7 +200,7 @@ class Line:
 
 @dataclass(frozen=True)
 class Spell:
-    """When much of a residual comes, in seconds from the begin of its bag."""
+    """When much of a residual comes, in seconds from the start of its bag."""
 
     bag: str
     begin: float
@@ -242,7 +242,7 @@ class Remainder:
 
     Attributes:
         error: RMS of what was fitted, in the output's unit.
-        held_out_error: RMS of the like of the test part.
+        held_out_error: the same of the test part.
         white: by the test of Ljung and Box.
         spells: when much of it comes, if seldom, by bag and time.
         depends_on: port signals that explain some of it, the strongest first.
@@ -314,7 +314,7 @@ class Factor:
     """What the data say of the parameters of a model, to be combined with other data.
 
     With d, what is added to the values of the model, |R d - step|^2 is twice the negative
-    log-likelihood, but for a constant. What is no parameter, as the timing of the inputs, is
+    log-likelihood, up to a constant. What is no parameter, as the timing of the inputs, is
     eliminated.
 
     Attributes:

@@ -65,7 +65,7 @@ class NoiseEntry(Struct, kw_only=True):
         description='intensity on the rate of each state, in its SI unit over the root of a second'
     )]
     start: Annotated[dict[str, NotNegative], Meta(
-        description='standard deviation of each state at the begin of a run, in its SI unit')]
+        description='standard deviation of each state at the start of a run, in its SI unit')]
     follow: Annotated[dict[str, NotNegative], Meta(
         description='parameters that are followed, and the relative change of each over the root '
                     'of a second')] | UnsetType = UNSET

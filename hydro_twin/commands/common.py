@@ -43,7 +43,7 @@ def add_bag_arguments(parser: argparse.ArgumentParser) -> None:
 
 def add_seed_argument(parser: argparse.ArgumentParser) -> None:
     """Add --seed."""
-    parser.add_argument('--seed', type=seed, default=0, help='of all that is random (default: 0)')
+    parser.add_argument('--seed', type=seed, default=0, help='of the random numbers (default: 0)')
 
 
 def seed(text: str) -> int:

@@ -1,4 +1,4 @@
-"""hydro-twin keep: a node beside the live twin that keeps its model true."""
+"""hydro-twin keep: a node alongside the live twin that keeps its model up to date."""
 from __future__ import annotations
 
 from collections.abc import Sequence

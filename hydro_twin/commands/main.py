@@ -81,7 +81,7 @@ def _run(argv: list[str], verb: Command | None) -> int:
         return 0
     parser = _Parser(
         prog=PROG, description='A digital twin of electro-hydraulic actuators.',
-        epilog=f"'{PROG} VERB --help' tells more.")
+        epilog=f"'{PROG} VERB --help' lists the arguments of a verb.")
     parser.add_argument('--version', action='store_true', help='print the version and exit')
     subparsers = parser.add_subparsers(dest='verb', metavar='VERB')
     for one in (verb,) if verb else verbs().values():

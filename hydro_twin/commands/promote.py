@@ -20,8 +20,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument('wanted', nargs='?', metavar='VERSION',
                         help='a number (default: the challenger)')
     parser.add_argument('--model', type=Path, metavar='MODEL',
-                        help='a model file to enter as a new version first; with it a store that '
-                        'is not there is begun')
+                        help='a model file to enter as a new version first; creates the store '
+                        'if there is none')
 
 
 def run(args: argparse.Namespace) -> dict[str, Any]:

@@ -30,7 +30,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add_bag_arguments(parser)
     add_rig_arguments(parser)
     parser.add_argument('-o', '--output', required=True, type=Path, metavar='MODEL',
-                        help='the model file to write; network weights go beside it')
+                        help='the model file to write; network weights go into the same folder')
     parser.add_argument('--predictor', default='analytical', metavar='KIND',
                         help='what to fit: analytical, mlp, gru or hybrid; an unknown one lists '
                         'those there are (default: %(default)s)')
@@ -42,8 +42,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
                         help='the error to minimise (default: free_run for an analytical '
                         'model by least_squares, else one_step)')
     parser.add_argument('--model', type=Path, metavar='MODEL',
-                        help='for a hybrid: the analytical model that it stands on, with its '
-                        'effects, instead of a fresh fit')
+                        help='for a hybrid: the analytical model that it is based on, with '
+                        'its effects, instead of a new fit')
     parser.add_argument('--fix', action='append', default=[], type=assignment,
                         metavar='NAME=VALUE', help='hold a parameter at a known value, as '
                         'k_1=1.093, and fit the others; may be repeated')
@@ -61,8 +61,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     networks.add_argument('--search', action='store_true',
                           help='search the weight decay and the structure, 1 or 2 layers of 1 to '
                           '100 units, on a third of the training patterns; what --hidden or '
-                          '--decay gives stays. It is kept in MODEL.search.jsonl, and goes on '
-                          'from there if interrupted')
+                          '--decay gives is not changed. Its state is kept in '
+                          'MODEL.search.jsonl, from which an interrupted search resumes')
     networks.add_argument('--device', default='cpu', help='cpu or cuda (default: %(default)s)')
     add_seed_argument(parser)
 

@@ -27,7 +27,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument('bag', type=Path, metavar='BAG', help='a rosbag2 recording')
     parser.add_argument('--model', type=Path, metavar='MODEL', help='the model file to run')
     parser.add_argument('-o', '--output', type=Path, metavar='OUT',
-                        help='a bag to make: the input, and the predictions beside it')
+                        help='a bag to make: the recording, with the predictions')
     parser.add_argument('--picture', type=Path, metavar='PNG',
                         help='a picture to make: measured against free run, and the errors')
     parser.add_argument('--beside', action='append', default=[], type=Path, metavar='MODEL',
@@ -37,7 +37,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
                         help="play the bag's topics into ROS instead, to drive a live node")
     parser.add_argument('--rate', type=float, default=1.0,
                         help='with --publish: times as fast as recorded (default: 1)')
-    parser.add_argument('--loop', action='store_true', help='with --publish: for ever')
+    parser.add_argument('--loop', action='store_true',
+                        help='with --publish: again and again, until stopped')
     parser.add_argument('--clock', action='store_true',
                         help="with --publish: the bag's time on /clock, for use_sim_time")
     parser.add_argument('--ros-args', nargs=argparse.REMAINDER, default=[], metavar='...',

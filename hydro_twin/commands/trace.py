@@ -29,7 +29,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
                         help='folder for report.html, report.json, model.yaml, before.yaml, '
                              'series.csv and figures/')
     parser.add_argument('--model', type=Path, metavar='MODEL',
-                        help='a model to start from, instead of a fresh fit')
+                        help='a model to start from, instead of a new fit')
     parser.add_argument('--earlier', action='append', default=[], type=Path, metavar='BAG',
                         help='with --model: a recording that it came from, may be repeated; what '
                         'has not moved since is taken from both')

@@ -1,4 +1,4 @@
-"""Asymmetry: more flow, or speed, one way than the other."""
+"""Asymmetry: more flow, or speed, in one direction than in the other."""
 from __future__ import annotations
 
 from hydro_twin.compiled import compiled

@@ -1,4 +1,4 @@
-"""Bias: a valve whose null is off, a constant torque, a sensor offset."""
+"""Bias: a null offset of a valve, a constant torque, a sensor offset."""
 from __future__ import annotations
 
 from hydro_twin.compiled import compiled

@@ -31,7 +31,7 @@ def refined(span: Span, values: tuple[float, ...]) -> Starts:
 
 
 def distinguishable(span: Span, values: tuple[float, ...]) -> bool:
-    """Tell a zone about rest that lets little pass, and is entered, from a bias or a bend."""
+    """Separate a zone about rest that lets little pass, and is entered, from a bias or a kink."""
     width, centre, leak = values
     return (abs(centre) < width and leak < HALF
             and span.low <= leak * width and span.high >= -leak * width)

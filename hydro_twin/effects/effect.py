@@ -37,7 +37,7 @@ class EffectParameter:
 
 @dataclass(frozen=True)
 class Span:
-    """What one recording reaches at a port under the model at hand.
+    """What one recording reaches at a port under the current model.
 
     Attributes:
         low, high: least and largest value that leaves the port.
@@ -102,7 +102,7 @@ class Effect:
 
     The law is a compiled function law(v, s, p, z, h, c, z_next) -> value:
         v: value of the port; s: the signals it reads; p: its parameters;
-        z: its memory at the begin of the step of h seconds (h = 0: evaluate, nothing moves);
+        z: its memory at the start of the step of h seconds (h = 0: evaluate, nothing moves);
         c: rise of the first signal by the end of the step for a unit added to the value;
         z_next: where it writes its memory at the end of the step.
 
@@ -113,8 +113,8 @@ class Effect:
         starts: what the recording reaches -> sets of parameters to begin a search at.
         excitation: what a recording must hold to show it, as advice to a person.
         beyond_reach: whether it may hide beyond what a recording reaches, as a limit does.
-        hides: whether re-tuning the plant can imitate it so well that its score says nothing; then
-            its first start, the gentlest, is always searched from.
+        hides: whether re-tuning the plant can imitate it so well that its score means nothing;
+            then its first start, the gentlest, is always searched from.
         refined: what the recording reaches and the parameters of the simple law -> sets of
             parameters to begin at with refinements let in.
         distinguishable: what the recording reaches and parameters -> whether such a recording

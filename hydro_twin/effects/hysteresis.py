@@ -29,7 +29,7 @@ def refined(span: Span, values: tuple[float, ...]) -> Starts:
 
 
 def distinguishable(span: Span, values: tuple[float, ...]) -> bool:
-    """Tell a loop that is crossed from a constant that depends on where a run starts."""
+    """Distinguish a loop that is crossed from a constant that depends on where a run starts."""
     width, slope = values
     return 2.0 * width < slope * (span.high - span.low)
 

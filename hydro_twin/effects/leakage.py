@@ -28,7 +28,7 @@ def starts(span: Span) -> Starts:
 
 
 def distinguishable(span: Span, values: tuple[float, ...]) -> bool:
-    """Tell leakage from laminar one: what hardly differs from it imitates something else."""
+    """Refuse an exponent near that of laminar flow: there it imitates something else."""
     return abs(values[1] - 1.0) > NEARLY
 
 

@@ -19,7 +19,7 @@ def starts(span: Span) -> Starts:
 
 
 def distinguishable(span: Span, values: tuple[float, ...]) -> bool:
-    """Tell a play that is crossed from a follower that stays where a run starts."""
+    """Distinguish a play that is crossed from a follower that stays where a run starts."""
     return 2.0 * values[0] < span.high - span.low
 
 

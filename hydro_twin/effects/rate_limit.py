@@ -38,7 +38,7 @@ def refined(span: Span, values: tuple[float, ...]) -> Starts:
 
 
 def distinguishable(span: Span, values: tuple[float, ...]) -> bool:
-    """Tell a limit that is reached, one way at least, from a gain that falls with the speed."""
+    """Distinguish a limit that is reached, at least one way, from a gain that falls with speed."""
     limit, imbalance, _ = values
     return (span.high >= REACHED * limit * (1.0 + imbalance)
             or span.low <= -REACHED * limit * (1.0 - imbalance))

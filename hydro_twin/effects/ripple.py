@@ -27,7 +27,7 @@ def law(v, s, p, z, h, c, z_next):  # type: ignore[no-untyped-def]
 
 
 def starts(span: Span) -> Starts:
-    """Every number of periods that the movement tells from its neighbours, in both phases."""
+    """Every number of periods that the movement can resolve, in both phases."""
     travel = max(span.travel['position'], 1e-9)
     step = min(max(1.0 / travel, 0.5), 6.0)
     small = 0.03 * span.value

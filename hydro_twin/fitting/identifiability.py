@@ -23,7 +23,7 @@ class Identifiability:
     Standard errors are in the scale of the Jacobian: relative for logarithmic parameters.
 
     Attributes:
-        std_error: parameter -> standard error; None where the data do not determine it alone.
+        std_error: parameter -> standard error; None where the data do not determine it by itself.
         combinations: parameters that act only together, e.g. 'V_m/beta_e' -> the standard error
             of their product of powers, or None.
         undetermined: the parameters of each direction that the data leave open, beside the
@@ -34,7 +34,7 @@ class Identifiability:
         covariance: of the coordinates, shape (len(coordinates),) * 2.
         factor: of the information, (k, len(coordinates)), k independent rows; directions without
             effect are in none of them. With d, what is added to the coordinates of the fit,
-            |factor d - step|^2 is twice the negative log-likelihood, but for a constant.
+            |factor d - step|^2 is twice the negative log-likelihood, up to a constant.
         step: (k,); zero where the search ended at the least sum of squares.
     """
 

@@ -91,7 +91,7 @@ def score(
     """Train every candidate on two thirds of the patterns, and score it on the rest.
 
     Repeat r draws the same patterns for every candidate. Each trial is appended to a file as it
-    ends, so that a search that was interrupted goes on where it stopped.
+    ends, so that an interrupted search resumes where it stopped.
 
     Args:
         problem: what to learn.

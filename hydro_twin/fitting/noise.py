@@ -16,7 +16,7 @@ from hydro_twin.predictors.observer import Observer, process_root
 from hydro_twin.predictors.scores import rms
 from hydro_twin.recording.series import Series
 
-ENOUGH = 3000           # samples: they tell a standard deviation to 1.3 %
+ENOUGH = 3000           # samples: they determine a standard deviation to 1.3 %
 # How much process noise moves the output over the start-up time, in measurement noises: less than
 # the first hardly differs from none, more than the second from none on the measurement.
 LEAST, MOST = 0.01, 1e4

@@ -32,7 +32,7 @@ def embedding(
     names: Sequence[str], combinations: Sequence[Mapping[str, int]],
     lower: FloatArray, upper: FloatArray,
 ) -> tuple[FloatArray, FloatArray]:
-    """Lay coordinates over the box, one for each thing that the data can know.
+    """Lay coordinates over the box, one for each quantity that the data can determine.
 
     A coordinate x in [0, 1] moves one parameter over its range, on a logarithmic scale, or all
     parameters of one combination at once, so that the combination covers its whole range:
@@ -95,7 +95,7 @@ def least_squares(
 
     Returns:
         The best of all starts; the history has one entry a start. Members of a combination
-        that the data do not tell apart stand at the same height in their ranges.
+        that the data do not distinguish have the same relative position in their ranges.
     """
     origin, M = embedding(names, combinations, lower, upper)
     X, y = regression.R[:, :-1], regression.R[:, -1]

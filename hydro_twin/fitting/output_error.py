@@ -15,7 +15,7 @@ from hydro_twin.predictors.tangents import NONE, Tangent, tangent_of
 
 
 def initial_states(model: Model, parts: Sequence[Part]) -> list[Start]:
-    """Find the state at the begin of each part that its first samples show."""
+    """Find the state at the start of each part that its first samples show."""
     system, tangents, found = model.system, start_tangents(model), []
     lengths = [part.beginning(model.start_up) for part in parts]
     response = system.free_response(max(lengths))
@@ -77,7 +77,7 @@ def residuals_from(model: Model, parts: Sequence[Part], states: Sequence[FloatAr
     Args:
         model: what is run.
         parts: what it is run over.
-        states: at the begin of each, (n,).
+        states: at the start of each, (n,).
     """
     system, usual = model.system, usual_response(model)
     response = system.free_response(max(len(part.measured) for part in parts))

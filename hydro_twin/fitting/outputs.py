@@ -1,7 +1,7 @@
-"""Output and sensors side by side in one fit, each weighed by its own noise.
+"""Output and sensors side by side in one fit, each weighted by its own noise.
 
 The noise of each is estimated with the fit. At its best value, the RMS sigma_q of the residual,
-the logarithm of the likelihood of N_q samples of each output q is, but for a constant, -sum of
+the logarithm of the likelihood of N_q samples of each output q is, up to a constant, -sum of
 N_q ln sigma_q (the concentrated likelihood). With the scales
 
     a_q = c / sigma_q,  ln c = sum of N_q ln(sigma_q s_0 / s_q) / sum of N_q

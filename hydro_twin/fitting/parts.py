@@ -12,7 +12,7 @@ from hydro_twin.plants import Plant
 from hydro_twin.plants.plant import FloatArray
 from hydro_twin.recording.series import Recording
 
-STILL = 0.1             # of the movement of a part: its begin is longer where it moves less
+STILL = 0.1             # of the movement of a part: its start is longer where it moves less
 LOST = 10.0             # and less than so many times the noise
 LONGEST = 8             # times the start-up of the plant
 SCORED = 20             # least samples scored: some for each parameter, and for the noise
@@ -88,7 +88,7 @@ def parts_of(recording: Recording, plant: Plant) -> list[Part]:
 
 
 def with_travel(*recorded: Sequence[Part]) -> list[list[Part]]:
-    """Let parts know between which values the output was in all of them."""
+    """Give every part the range of the output in all of them."""
     travel = travel_of([part for parts in recorded for part in parts])
     return [[replace(part, travel=travel) for part in parts] for parts in recorded]
 

@@ -63,7 +63,7 @@ class Physics:
     """Physical parameters as fitted.
 
     Attributes:
-        known: what the data determine; None where the method cannot tell.
+        known: what the data determine; None where the method cannot say.
         notes: what must be said beside the values.
         noise: RMS of what is left of output and sensors, each in its unit, where that was fitted.
     """

@@ -118,7 +118,7 @@ class Refit:
         model: with its errors; the name of its weights is given when it is saved.
         predictor: runs it.
         weights: content of its .safetensors file; None without one.
-        known: what the data determine; None where the method cannot tell.
+        known: what the data determine; None where the method cannot say.
         settings: of its network; None without one.
         outputs: of each sensor that was fitted, and of the output with them, the RMS error of the
             free run by part, and the noise estimated with the fit, in its unit.

@@ -53,8 +53,8 @@ def without_start(missed: FloatArray, by_start: FloatArray, usual: FloatArray, s
 
     The first samples show it with some error, which lasts where the plant integrates, or forgets
     slowly, and would be taken for an error of the laws. So what a better state explains is taken
-    off, weighing first and later samples by how well they are met: what the laws miss later on
-    must not be blamed on the start.
+    off, weighting first and later samples by how well they are fitted: what the laws miss later on
+    must not be attributed to the start.
 
     Args:
         missed: measured less run, (N,).
@@ -96,7 +96,7 @@ def find_start(system: System, tangent: Tangent, response: FloatArray, inputs: F
     """Find the state from which the output is least missed.
 
     From rest, by a search with damped steps [Levenberg 1944], under the whole model. States that
-    the output does not tell stay near there: a deviation costs as if the output were measured to
+    the output does not show stay near rest: a deviation costs as if the output were measured to
     one per cent. Where a gap may stand on either side, a search ends at any; and what a play holds
     is zero in it. So, where much is missed, it starts again from other sides, with what is
     kept as one more coordinate.

@@ -99,7 +99,7 @@ def left_alone(plant: Plant) -> set[str]:
 
 
 def usual(plant: Plant) -> dict[str, tuple[float, float]]:
-    """Logarithmic search box of each parameter, where those left alone stand in the middle.
+    """Logarithmic search box of each parameter, where those that are not fitted are in the middle.
 
     The box of a parameter that stands for a combination is that of the combination.
     """
@@ -135,7 +135,7 @@ def timing_unknowns(plant: Plant, sample_time: float) -> list[Unknown]:
     """List how commands stand to their stamps: at most a sample earlier, as unknowns.
 
     A command that is said to be held may have been interpolated, or set a moment before its
-    stamp; what the stamps cannot tell must not be taken for an effect.
+    stamp; what the stamps cannot resolve must not be taken for an effect.
     """
     return [Unknown(signal.name, 'timing', -sample_time, 0.0, False, sample_time)
             for signal in plant.inputs if signal.held]

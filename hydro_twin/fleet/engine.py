@@ -1,6 +1,6 @@
 """Hands tasks to an engine: Dask by default, or any executor of `concurrent.futures`.
 
-What Dask does here is its own: workers that die are started anew, and what they held is done by
+What Dask does here is its own: workers that die are started again, and what they held is done by
 others (https://distributed.dask.org/en/stable/resilience.html).
 """
 from __future__ import annotations

@@ -1,9 +1,9 @@
 """Least squares of many recordings by their triangular factors, without the recordings.
 
 Of the parameters x of a rig, a trace keeps as much as its recording says: rows R and z such that
-|R x - z|^2 is twice the negative log-likelihood near its estimate, but for a constant. Those of
+|R x - z|^2 is twice the negative log-likelihood near its estimate, up to a constant. Those of
 several recordings are stacked, and factored again. Where the output is linear in x this is the
-fit to all recordings at once; else a step of Gauss and Newton towards it.
+fit to all recordings together; else a Gauss-Newton step towards it.
 """
 from __future__ import annotations
 

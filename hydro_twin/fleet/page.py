@@ -56,7 +56,7 @@ def change(trend: Mapping[str, Any]) -> str:
 
 
 def between(usual: Mapping[str, Any]) -> str:
-    """Write how far rigs scatter."""
+    """Write the spread of a parameter between rigs."""
     if usual['rigs'] < 2:
         return NOT_KNOWN
     return f'{100.0 * usual["spread"]:.2g} %' if usual['log'] else f'{usual["spread"]:.2g}'

@@ -8,8 +8,8 @@ The recordings of rig i say R_i x_i = z_i + e_i, e_i ~ N(0, I), of its p paramet
 This is the linear mixed model of N. M. Laird, J. H. Ware, Random-effects models for longitudinal
 data, Biometrics 38 (1982) 963-974; with one parameter, the random-effects model of meta-analysis.
 mu and tau are estimated by restricted maximum likelihood: D. A. Harville, J. Am. Stat. Assoc. 72
-(1977) 320-338. What a recording leaves open, alone or in a combination, is filled up by the
-group; the errors that its estimates have in common are allowed for.
+(1977) 320-338. What a recording does not determine, by itself or in a combination, is filled
+up by the group; the errors that its estimates have in common are allowed for.
 """
 from __future__ import annotations
 

@@ -34,7 +34,7 @@ def trace_fleet(manifest: Path | str, folder: Path | str, *, executor: Executor 
         executor: of `concurrent.futures`, which stays open; None: Dask.
         scheduler: address of a Dask scheduler; '' for a local cluster.
         workers: of the local cluster; None: one a core.
-        seed: of all that is random.
+        seed: of the random numbers.
         say: called with the progress, a line at a time.
 
     Returns:
@@ -73,7 +73,7 @@ def trace_fleet(manifest: Path | str, folder: Path | str, *, executor: Executor 
 
 
 class _Teller:
-    """Says how far the traces are, and when they will end."""
+    """Reports the progress of the traces, and their expected end."""
 
     def __init__(self, total: int, say: Callable[[str], None]) -> None:
         self.total, self.say = total, say

@@ -124,7 +124,7 @@ def factor_of(result: TraceResult, values: dict[str, dict[str, Any]]) -> dict[st
 
 
 def command_of(task: Task, seed: int) -> str:
-    """Write the command that makes the same trace alone, for the model file."""
+    """Write the command that makes the same trace by itself, for the model file."""
     words = ['hydro-twin', 'trace', *map(str, task.bags), '--plant', task.plant]
     words += ['--config', str(task.config)] if task.config else []
     for name, value in task.constants:

@@ -61,7 +61,7 @@ def _borrow(rigs: Sequence[Row], usual: dict[str, dict[str, Any]], scale: FloatA
     """Estimate what is usual from all rigs, and each rig with it.
 
     A rig that stands out in a parameter neither counts for what is usual of it nor borrows. One
-    whose recording does not determine a parameter alone borrows that, too.
+    whose recording does not determine a parameter by itself borrows that, too.
     """
     names, logs = list(usual), [one['log'] for one in usual.values()]
     own = [[k for k, name in enumerate(names)

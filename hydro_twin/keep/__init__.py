@@ -1,1 +1,1 @@
-"""The loop that keeps a model true, without ROS: capture, trace, judge, promote, go back."""
+"""Keeps a model up to date, without ROS: capture, trace, judge, promote, roll back."""

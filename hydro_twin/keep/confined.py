@@ -1,4 +1,4 @@
-"""Starts a verb with less of everything: `python -m hydro_twin.keep.confined SPEC VERB ...`.
+"""Starts a verb with limited resources: `python -m hydro_twin.keep.confined SPEC VERB ...`.
 
 SPEC is a JSON object with nice, memory [bytes] and cores. The limits are set in this process,
 which then becomes the verb: so they need no code between fork and exec of a process with threads.

@@ -2,10 +2,10 @@
 
     event -> capturing -> tracing -> judging -> promoted -> on probation -> confirmed
                  ^         |    |       |                        |
-                 `-- not enough |   discarded               gone back
+                 `-- not enough |   discarded               rolled back
                               failed
 
-A capture runs beside all else. All methods belong to one thread; what takes long is a job.
+A capture does not interrupt anything else. All methods belong to one thread; long work is a job.
 """
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ from hydro_twin.store.version import CAPTURES, DISCARDED, PROMOTED, Version
 
 
 class Keeper:
-    """Keeps the champion of a store true to the rig, and the twin running it.
+    """Keeps the champion of a store up to date with the rig, and has the twin run it.
 
     Attributes:
         ring, capture: of the inputs of the twin.
@@ -234,9 +234,9 @@ class Keeper:
         self.judge.challenge(champion, made)
 
     def _again(self, now: int) -> None:
-        """Capture anew where the model still does not hold, and nothing is being done about it.
+        """Capture again where the model still does not hold, and nothing is being done about it.
 
-        After a stretch that said too little at once: so long that the next one overlaps it.
+        Immediately after a capture with too little excitation, long enough to overlap it.
         """
         pause = self.get('again')
         if self._standing is None:

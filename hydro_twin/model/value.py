@@ -52,7 +52,7 @@ class Noise:
         measurement: standard deviation of the measured output, in its unit.
         process: intensity of white noise on the rates of states, by name, in the state's SI unit
             over the root of a second; zero where there is none.
-        start: standard deviation of each state at the begin of a run, by name, in its SI unit.
+        start: standard deviation of each state at the start of a run, by name, in its SI unit.
         follow: the parameters that the observer follows, with the relative change of each over
             the root of a second; those of effects as 'ID@PORT:NAME'. Stated, not estimated.
     """
@@ -142,7 +142,7 @@ class Model:
 
     @property
     def start_up(self) -> int:
-        """How many samples at the begin of a series set its state, and are not scored."""
+        """How many samples at the start of a series set its state, and are not scored."""
         return self.plant.start_samples(self.sample_time)
 
     def without(self, index: int) -> Model:

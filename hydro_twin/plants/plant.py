@@ -52,7 +52,7 @@ class Parameter:
 
 @dataclass(frozen=True)
 class Constant:
-    """A quantity of the rig that no recording can tell, with its default."""
+    """A quantity of the rig that no recording can show, with its default."""
 
     name: str
     meaning: str
@@ -141,7 +141,7 @@ class Plant:
             product of powers that can be known: ({'V_m': 1, 'beta_e': -1}, ...).
         at_rest: the states whose rate is taken as zero at the first sample; with the measured
             output they give the state at which a run starts.
-        start_up: time [s] at the begin of a series in which the measured output shows the state at
+        start_up: time [s] at the start of a series in which the measured output shows the state at
             the start, and a run from rest forgets most of it. Not scored in a free run.
         output_range: least and largest output that there physically is, where that is bounded.
         output_scale: a typical large output, by which networks scale theirs.
@@ -289,7 +289,7 @@ class Plant:
                 for p in self.parameters if p.name in known)))
 
     def seen_by(self, sensors: Iterable[str]) -> Plant:
-        """Return the plant with only those combinations that these sensors do not part.
+        """Return the plant with only those combinations that these sensors do not separate.
 
         Args:
             sensors: names of what is measured beside the output.
@@ -299,7 +299,7 @@ class Plant:
         return self if kept == self.combinations else replace(self, combinations=kept)
 
     def _parted(self, combination: Mapping[str, int], rows: Sequence[int]) -> bool:
-        """Whether sensors tell the members of a combination: one follows where they move."""
+        """Whether sensors separate the members of a combination: one reacts where they change."""
         values = self.constant_values() | self.middle()
         (first, power), *others = combination.items()
         laws = self.laws(values)

@@ -1,7 +1,7 @@
 """Parameters that change slowly, followed by the observer as states that walk at random.
 
 Each goes as the logarithm of its value over that in the model. The matrices of the step move with
-it by their derivatives, and are made anew where that would no longer do.
+it by their derivatives, and are recomputed where that is no longer accurate.
 """
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ class Slow(NamedTuple):
     Attributes:
         now: logarithm of each over its value in the model, (Q,).
         at: the same, when the matrices were made.
-        far: how far from there they may be used; without end for those of an effect.
+        far: largest distance from `at` at which they are used; infinite for those of an effect.
         low, high: between which it stays.
         entry: of a parameter of an effect among those of the step; -1: one of the plant.
         p: of a parameter of an effect, its value in the model.
@@ -187,7 +187,7 @@ def followed_of(model: Model, system: System, rates: Mapping[str, float]) -> Fol
     """Find what a model is to follow, at these rates.
 
     Raises:
-        ModelError: it has no such parameter, or one whose logarithm says nothing.
+        ModelError: it has no such parameter, or one whose logarithm has no meaning.
     """
     if not rates:
         return None

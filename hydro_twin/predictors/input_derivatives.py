@@ -8,7 +8,7 @@ from hydro_twin.predictors.rows import put
 
 @compiled
 def input_rows(step, tangent, part, inputs, k, U0, U1):  # type: ignore[no-untyped-def]
-    """Write the derivatives of the inputs at begin and end of a part of a step.
+    """Write the derivatives of the inputs at start and end of a part of a step.
 
     Where the later or earlier time is that of a sample, they are those of acting earlier.
     """

@@ -1,7 +1,7 @@
 """The compiled step of a plant with effects: the same in the fit, in replay and in the node.
 
 The linear laws are stepped exactly (matrix exponential, inputs and effects linear over a step).
-What an effect adds to its port is evaluated at the begin of a step and at its predicted end, which
+What an effect adds to its port is evaluated at the start of a step and at its predicted end, which
 is of second order; a force that jumps with the velocity is solved for the end of the step. With no
 effects the step is exact at any length.
 
@@ -31,7 +31,7 @@ class Step(NamedTuple):
     """What a step needs, for n states, m inputs, P ports with S signals, R sensors, K effects.
 
     Attributes:
-        M: (n, n + 2m + 2P): x, inputs at begin and end, what effects add at both -> next x.
+        M: (n, n + 2m + 2P): x, inputs at start and end, what effects add at both -> next x.
         H: (P + S + R, n + m + P): x, inputs, what effects add -> values of the ports, then
             signals, then what the sensors read.
         effects: (K,) of `ENTRY`.
@@ -58,7 +58,7 @@ class Step(NamedTuple):
 
 @compiled
 def input_between(inputs, j, held, k, begin, end):  # type: ignore[no-untyped-def]
-    """Input j at begin and end, times in samples after sample k-1.
+    """Input j at start and end, times in samples after sample k-1.
 
     A held input is its mean over the interval at both ends; a measured one is interpolated. Times
     count from k-1, not from the first sample, so that digits do not depend on how long a run is.
@@ -129,7 +129,7 @@ def add_effects(step, x, u, z, h, s, z_next, d):  # type: ignore[no-untyped-def]
 
 @compiled
 def inputs_over(step, part, inputs, k, begin, end):  # type: ignore[no-untyped-def]
-    """Write the inputs at begin and end of a part of the step from sample k-1 to sample k."""
+    """Write the inputs at start and end of a part of the step from sample k-1 to sample k."""
     for j in range(len(step.shift)):
         now = inputs[k - 1, j]
         if step.shift[j] != 0.0:

@@ -54,7 +54,7 @@ differentiate: Callable[..., Any] = generated(NAME, source).differentiate
 
 @compiled
 def straight(code, v, s, p, z, h, c, z_next, g, value, dv, ds):  # type: ignore[no-untyped-def]
-    """Say whether a law with this value and derivatives g is a line as far as it may be read."""
+    """Say whether a law with this value and derivatives g is straight over the distribution."""
     at, slope, reach = s[0], g[0, 0] * dv + g[0, 1] * ds, POINTS[0]
     s[0] = at + reach * ds
     up = apply(code, v + reach * dv, s, p, z, h, c, z_next) - value

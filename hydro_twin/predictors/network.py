@@ -114,7 +114,7 @@ class Network:
         return tuple(self.sizes[1:-1].tolist())
 
     def scratch(self) -> FloatArray:
-        """Return room for the layers of one sample, for `predict`."""
+        """Return the scratch for the layers of one sample, for `predict`."""
         return np.empty((2, int(self.sizes.max())))
 
     def predict(self, regressors: FloatArray, scratch: FloatArray) -> float:

@@ -30,7 +30,7 @@ CELLS: dict[str, type[Network]] = {kind.cell: kind for kind in (Network, Recurre
 class NetworkPredictor:
     """Runs a network on the regressors of [B19], y(k-1..k-n) and u(k..k-n) of every input.
 
-    The MLP and the GRU give the output; the GRU has a state beside, nought at the first sample
+    The MLP and the GRU give the output; the GRU has a state beside, zero at the first sample
     with all regressors. The hybrid's network gives what the one-step prediction of the analytical
     model lacks. In a free run the output is fed back, to the network and to the analytical model
     alike; it starts from rest at the first measured output.

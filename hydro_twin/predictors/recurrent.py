@@ -70,7 +70,7 @@ class Recurrent(Network):
         return 3 * H * (R + H + 1) + H + 1
 
     def scratch(self) -> FloatArray:
-        """Return the state at the start of a run, and room for one sample, for `predict`."""
+        """Return the state at the start of a run, and the scratch of a sample, for `predict`."""
         return np.zeros((4, int(self.sizes[1])))
 
     def predict(self, regressors: FloatArray, scratch: FloatArray) -> float:

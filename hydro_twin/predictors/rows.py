@@ -1,4 +1,4 @@
-"""Rows of numbers as vectors of the processor: multiples and weighed sums of them.
+"""Rows of numbers as vectors of the processor: multiples and weighted sums of them.
 
 A row is a whole number of vectors of `WIDTH` numbers; an array of rows has the shape (rows,
 vectors, WIDTH). LLVM would vectorise loops over rows by itself, but it checks before each whether
@@ -40,7 +40,7 @@ def zeros(count: int, vectors: int) -> FloatArray:
 
 
 def in_rows(columns: FloatArray) -> FloatArray:
-    """Lay out (..., D) as rows, (rows, vectors, `WIDTH`), with nought beyond D."""
+    """Lay out (..., D) as rows, (rows, vectors, `WIDTH`), with zeros beyond D."""
     count, D = math.prod(columns.shape[:-1]), columns.shape[-1]
     vectors = math.ceil(D / WIDTH)
     rows = zeros(count, vectors)
@@ -128,7 +128,7 @@ def operation(typed: Callable[..., Any]) -> Callable[..., None]:
 
 @operation
 def clear(_typing, out, _i):  # type: ignore[no-untyped-def]
-    """Set row i of out to nought."""
+    """Set row i of out to zero."""
     def generate(context, builder, signature, args):  # type: ignore[no-untyped-def]
         to, vectors = _row(context, builder, signature.args[0], *args)
         builder.call(_function(builder, _clear, [INDEX, POINTER]), [vectors, to])

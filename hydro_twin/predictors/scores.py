@@ -43,7 +43,7 @@ def fit_percent(error: FloatArray, measured: FloatArray) -> float:
 
 
 def unscored(plant: Plant, sample_time: float, mode: str) -> int:
-    """Count the samples at the begin of a series that are not scored.
+    """Count the samples at the start of a series that are not scored.
 
     Args:
         plant: the plant.

@@ -26,10 +26,10 @@ class Rows(NamedTuple):
 
     Attributes:
         X, Z: of the state and the memory.
-        U0, U1: of the inputs at begin and end of a part of the step.
+        U0, U1: of the inputs at start and end of a part of the step.
         D0, D1: of what effects add to the ports there.
         L: of the state at the end by the linear laws, then with all that is added.
-        A: of that predicted from what is added at the begin.
+        A: of that predicted from what is added at the start.
         Z_next: of the memory at the end.
         spare: of single values.
     """

@@ -98,7 +98,7 @@ class System:
         right = np.concatenate([-self.laws.B[rest] @ inputs, -self.laws.D @ inputs])
         origin, per_output = np.linalg.solve(rows, np.stack([right, np.eye(len(rows))[-1]])[
             ..., None])[..., 0]
-        linear = output                     # what the linear laws alone would put out
+        linear = output                     # the output by the linear laws only
         for _ in range(NEWTON if len(self.step.active) else 0):
             step = 1e-6 * max(abs(linear), abs(output), 1e-9)
             y, beyond = (kernel.output(
@@ -125,7 +125,7 @@ class System:
         Args:
             inputs: (N, m).
             x: the state, (n,).
-            z: what the effects keep, (memory,); by default nought.
+            z: what the effects keep, (memory,); by default zeros.
             seen: what passes at the ports and what the sensors read is written here, if given,
                 (N, ports + signals + sensors).
             start: stamp of the first sample [ns], which matters where a parameter drifts; None
@@ -158,10 +158,10 @@ class System:
         return y
 
     def kept(self, inputs: FloatArray, x: FloatArray) -> FloatArray:
-        """Return between what the effects may keep at the begin of a run, (memory, 2).
+        """Return between what the effects may keep at the start of a run, (memory, 2).
 
         What hangs behind, as the follower of a play, may be anywhere between two edges, to which
-        its law takes what is beyond. What an implicit effect keeps is over soon: nought.
+        its law takes what is beyond. What an implicit effect keeps is over soon: zero.
         """
         z = np.zeros((2, self.memory))
         for effect in self.step.effects:
@@ -180,7 +180,7 @@ def discretise(laws: Laws, h: float) -> FloatArray:
     """Integrate x' = A x + V v exactly over a step in which v = [u, d] moves in a straight line.
 
     Returns:
-        [Phi | inputs at begin | at end | d at begin | d at end], shape (n, n + 2m + 2P).
+        [Phi | inputs at start | at end | d at start | d at end], shape (n, n + 2m + 2P).
     """
     n, m = laws.B.shape
     block = np.zeros((3 * n, 3 * n), dtype=laws.A.dtype)

@@ -110,7 +110,7 @@ def tangents_of(system: System, by: Callable[[System], Directions]) -> list[Tang
 
 
 def tangent_of(system: System, by: Directions, moves: Moves | None = None) -> Tangent:
-    """Differentiate the matrices of a step, with room for the state at the start.
+    """Differentiate the matrices of a step, with columns for the state at the start.
 
     Args:
         system: what is run.

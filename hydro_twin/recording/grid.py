@@ -12,7 +12,7 @@ from hydro_twin.recording.series import FloatArray, Series
 
 MAX_GAP = 5.0   # sample times, or periods of a slower signal, that a pause may last
 MIN_SAMPLES = 10   # shorter stretches hold nothing to learn from
-FEWEST_STEADY = 20   # pauses, to tell that a command is sent at a rate
+FEWEST_STEADY = 20   # pauses, to show that a command is sent at a rate
 FEWEST = 2   # samples of a sensor, to interpolate between
 STEADY_SHARE = 0.9   # of the pauses of a command within half a period: it is sent at a rate
 SLACK = 0.1   # of a sample time: a held signal without stamps may be this late

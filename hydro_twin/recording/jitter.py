@@ -11,7 +11,7 @@ from hydro_twin.recording.series import FloatArray
 
 WINDOW = 100   # messages over which the earliest arrival shows the delay that all have in common
 SHORTEST = 20   # fewer messages do not make a line
-MAX_LOST = 5   # after more the sender may have started anew
+MAX_LOST = 5   # after more the sender may have restarted
 DOUBT = 0.25   # of a period: from 0.75 on a common delay is a loss
 MOST_LOST = 0.35   # share of messages that may be lost, and their rate still be found
 SAMPLED = 10   # windows in which the rate is looked for, spread over the record

@@ -33,7 +33,7 @@ def read_recording(paths: Sequence[Path], signals: Mapping[str, SignalMap], held
         BagError: a bag cannot be read, or lacks a signal, or holds no stretch with all of them.
     """
     series: list[Series] = []
-    for path in paths:   # each is let go before the next: samples take more room than the grid
+    for path in paths:   # each is freed before the next: samples take more memory than the grid
         series += on_grid(path, read_signals(Path(path), signals, optional), held, sample_time)
     return Recording(tuple(series), tuple(source_of(Path(path)) for path in paths))
 

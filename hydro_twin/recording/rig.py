@@ -1,4 +1,4 @@
-"""The rig at hand: its plant, what its configuration says, and the bags recorded on it."""
+"""The rig of a job: its plant, what its configuration says, and the bags recorded on it."""
 from __future__ import annotations
 
 from collections.abc import Sequence
@@ -24,7 +24,7 @@ log = logging.getLogger(__name__)
 
 @dataclass(frozen=True)
 class Rig:
-    """The plant at hand, and what is known of this copy of it.
+    """The plant, and what is known of this rig.
 
     Attributes:
         constants: all constants of the plant, in SI units.

@@ -164,7 +164,7 @@ def _time_range(given: Any, what: str) -> tuple[float, float]:
     begin = -math.inf if given[0] is None else number(given[0], what)
     end = math.inf if given[1] is None else number(given[1], what)
     if not begin < end:
-        raise UserError(f'{what} ends at {end:g} s, which is not after its begin, {begin:g} s')
+        raise UserError(f'{what} ends at {end:g} s, which is not after its start, {begin:g} s')
     return begin, end
 
 

@@ -195,7 +195,7 @@ def _filled(layout: Layout, stamps: IntArray, columns: Mapping[str, Any]) -> lis
 
 
 def _template(msgtype: str, signals: Mapping[str, SignalMap], store: Typestore) -> Layout:
-    """Make a message that has room for the fields of some signals, and lay it out."""
+    """Make a message large enough for the fields of some signals, and lay it out."""
     joints: dict[str, list[str]] = {}   # prefix of a group of arrays -> its joints
     lengths: dict[str, int] = {}
     for name, signal in signals.items():

@@ -1,1 +1,1 @@
-"""The shell of ROS 2 round the live twin: node, topics, parameters, player of bags."""
+"""The ROS 2 interface of the live twin: node, topics, parameters, player of bags."""

@@ -270,14 +270,14 @@ class TwinNode(LifecycleNode):
     # Requests
 
     def _on_reset(self, request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
-        """Start afresh."""
+        """Restart the predictions."""
         del request
         if self._live is not None:
             self._live.aligner.restart()
             for outlet in self._outlets:
                 outlet.twin.start_over()
         response.success = self._live is not None
-        response.message = 'starts afresh' if response.success else 'not configured'
+        response.message = 'restarted' if response.success else 'not configured'
         return response
 
     def set_parameters_atomically(self, parameter_list: list[Parameter]) -> SetParametersResult:
@@ -300,7 +300,7 @@ class TwinNode(LifecycleNode):
                 or same_file(self._chosen[0].path, diagnosis.twins[0]))
 
     def _on_set(self, parameters: Sequence[Parameter]) -> SetParametersResult:
-        """Refuse what cannot be, as far as that shows in no time."""
+        """Refuse what cannot be, as far as that shows without loading anything."""
         for parameter in parameters:
             if reason := self._objection(parameter.name, parameter.value):
                 return SetParametersResult(successful=False, reason=reason)

@@ -89,7 +89,7 @@ class _Player:
         self.count = {publisher.topic_name: 0 for publisher in self._publishers.values()}
 
     def run(self, loop: bool) -> None:
-        """Play once, or for ever."""
+        """Play once, or until stopped."""
         publishers = list(self._publishers.values())
         if not _await_listeners(publishers):
             self._node.get_logger().warning('nobody listens to the topics of this bag')

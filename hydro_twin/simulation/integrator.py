@@ -82,14 +82,14 @@ def integrate(  # type: ignore[no-untyped-def]
         moves: x' for w, shape (n, n + m + P).
         seen: values of the ports (P, n + m + P), their signals (S, n + m + P) and what the sensors
             read (K, n + m + P) for w.
-        table: for each effect its code, port, two signal rows, the begin and end of its parameters
+        table: for each effect its code, port, two signal rows, the start and end of its parameters
             in p and of its memory in z, and whether it is implicit; shape (K, 9).
         p: parameters of the effects.
         h: length of a step [s].
         gain: what a unit added to each port over a step does to w, shape (P, n + m + P).
         x: states, shape (n,).
         z: memory of the effects.
-        inputs: at the begin, the middle and the end of every step, shape (steps len(y), 3, m).
+        inputs: at the start, the middle and the end of every step, shape (steps len(y), 3, m).
         steps: steps between two samples.
         y: the output and the sensors at each sample, shape (samples, 1 + K).
         work: (7, >= largest of n + m + P and memory) scratch.

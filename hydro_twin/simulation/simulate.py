@@ -83,7 +83,7 @@ def _fine(plant: Plant, effects: Sequence[Placed], inputs: Mapping[str, Excitati
         late = sum(placed.values[0] for placed in effects
                    if placed.effect.shifts == 'all' or (placed.effect.shifts and signal.held)) / T
         at = np.column_stack([place - late for place in places])
-        if signal.held:                     # no step straddles a sample: its middle tells which
+        if signal.held:                     # no step straddles a sample: its middle shows which
             at = np.repeat(np.floor(at[:, 1:2]), 3, axis=1)
         columns.append(inputs[signal.name](T * np.maximum(at, 0.0).ravel()).reshape(at.shape))
     return np.ascontiguousarray(np.stack(columns, axis=-1))

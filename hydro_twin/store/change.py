@@ -10,7 +10,7 @@ from hydro_twin.effects import Placed
 from hydro_twin.model import Model
 
 CHANCE = 0.01      # that anything is called moved between two fits of an unchanged rig
-SAID = 4           # changes that the sentence tells; the rest are counted
+SAID = 4           # changes that the sentence names; the rest are counted
 PREFIXED = ('m', 'rad', 's', 'V', 'N', 'Pa')
 PREFIXES = ((1e6, 'M'), (1e3, 'k'), (1.0, ''), (1e-3, 'm'), (1e-6, 'µ'), (1e-9, 'n'))
 

@@ -202,7 +202,7 @@ def short_steps(tmp_path_factory):
     return folder / 'bag'
 
 
-def test_a_known_parameter_is_held_and_the_others_are_told(short_steps, tmp_path, capsys):
+def test_a_known_parameter_is_held_and_the_others_are_reported(short_steps, tmp_path, capsys):
     """With k_1 known T_c is too, and with d_1 of the curve the limit does not bend it."""
     path = tmp_path / 'model.yaml'
     status, result, _ = refit(capsys, short_steps, path, '--fix', 'k_1=1.093', '--curve',

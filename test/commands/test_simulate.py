@@ -34,13 +34,13 @@ def test_makes_the_three_series_of_the_paper_and_tells_the_truth(tmp_path, capsy
     assert truth['effects'][0]['parameters']['coulomb'] == {'value': 10.0, 'unit': 'N m'}
     series = columns(tmp_path / 'bag')
     assert [len(one) for one in series] == [300, 300, 300]
-    for one, hertz, told in zip(series, (1, 7, 9), truth['series'], strict=True):
+    for one, hertz, stated in zip(series, (1, 7, 9), truth['series'], strict=True):
         amplitude = np.ptp(one['u_m']) / 2 if hertz > 1 else np.abs(one['u_m']).max()
         t = 0.002 * np.arange(300)
         np.testing.assert_allclose(one['u_m'], amplitude * np.sin(2 * np.pi * hertz * t),
                                    atol=0.01 * amplitude)
         assert 50 < np.abs(one['T_g']).max() < 150
-        assert told['noise'] == pytest.approx(np.std(one['T_g']) / 100, rel=0.02)
+        assert stated['noise'] == pytest.approx(np.std(one['T_g']) / 100, rel=0.02)
 
 
 def test_nothing_in_the_bag_declares_an_effect(tmp_path, capsys):
@@ -154,11 +154,11 @@ def test_sensors_are_in_the_bag_with_noise_of_their_own(tmp_path, capsys):
                                 'omega_m:noise=0.01')
     assert status == 0
     data = read(bag, 'load_simulator')
-    for one, told in zip(data.recording.series, truth['series'], strict=True):
+    for one, stated in zip(data.recording.series, truth['series'], strict=True):
         assert one.columns.keys() == {'u_m', 'theta_d', 'T_g', 'p_L', 'omega_m'}
-        assert told['noises'].keys() == {'T_g', 'p_L', 'omega_m'}
-        assert told['noises']['omega_m'] == 0.01
-        assert told['noises']['p_L'] == pytest.approx(np.std(one['p_L']) / 100, rel=0.02)
+        assert stated['noises'].keys() == {'T_g', 'p_L', 'omega_m'}
+        assert stated['noises']['omega_m'] == 0.01
+        assert stated['noises']['p_L'] == pytest.approx(np.std(one['p_L']) / 100, rel=0.02)
         # The mean torque on the inertia is small: D_m p_L = T_g + B_m omega, on average.
         driven = 2e-5 * one['p_L'] - truth['parameters']['B_m']['value'] * one['omega_m']
         assert np.corrcoef(driven, one['T_g'])[0, 1] > 0.95

@@ -56,7 +56,7 @@ def test_a_straight_one_is_another_gain(port, signal, reach, change):
     np.testing.assert_allclose(run([line]), expected, rtol=0, atol=1e-4 * np.abs(expected).max())
 
 
-def test_contends_for_no_name():
+def test_competes_for_no_name():
     placed = curve(FLOW, 'opening', -1.0, 1.0, np.zeros(KNOTS))
     assert placed.effect.id not in {effect.id for effect in EFFECTS}
 

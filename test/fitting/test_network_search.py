@@ -101,7 +101,7 @@ def test_searches_the_decay_of_a_new_structure_again(problem: Problem, tmp_path:
 
 
 def test_a_gru_is_scored_stretch_by_stretch(problem: Problem) -> None:
-    """Its state starts afresh in each stretch: the error of both is that of each."""
+    """Its state starts from zero in each stretch: the error of both is that of each."""
     whole = replace(problem, lengths=(100, 50))
     cut = slice(100, 150)
     second = replace(problem, regressors=problem.regressors[cut], targets=problem.targets[cut],

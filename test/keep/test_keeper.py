@@ -34,7 +34,7 @@ class Loop:
         self.folder = folder
         self.values = {s.name: s.default for s in SETTINGS} | {
             'after': 5.0, 'policy': 'auto', 'trial_least': 0.0, 'trial': 60.0} | values
-        self.told: list[tuple[str, dict[str, object]]] = []
+        self.announced: list[tuple[str, dict[str, object]]] = []
         self.asked: list[Path] = []
         self.refusal = self.lacks = ''
         self.earlier: list[list[Path]] = []
@@ -47,7 +47,7 @@ class Loop:
 
     def start(self) -> None:
         self.keeper = Keeper(Store(self.folder / 'store'), self.values.__getitem__,
-                             lambda event, **about: self.told.append((event, about)),
+                             lambda event, **about: self.announced.append((event, about)),
                              self.asked.append)
         self.keeper.topics['/a'] = STRING, False
         self.keeper.signals = {'u_m': None}
@@ -83,12 +83,12 @@ class Loop:
         """Tick until something is so; jobs are threads, which take their time."""
         end = time.monotonic() + 60.0
         while not condition():
-            assert time.monotonic() < end, (self.said(), self.told)
+            assert time.monotonic() < end, (self.said(), self.announced)
             self.tick()
             time.sleep(0.01)
 
     def events(self) -> list[str]:
-        return [event for event, _ in self.told]
+        return [event for event, _ in self.announced]
 
     def said(self) -> str:
         return self.keeper.status(self.now).message
@@ -123,7 +123,7 @@ def test_an_event_becomes_a_promotion_that_is_confirmed(loop: Loop) -> None:
     assert 'judging challenger 0002 against 0001' in loop.said()
     loop.judged(4.0, 1.0)
     assert loop.champion() == '0002'
-    (about,) = [about for event, about in loop.told if event == 'promoted']
+    (about,) = [about for event, about in loop.announced if event == 'promoted']
     assert re.fullmatch(r'motor friction \(coulomb 10 N m\) appeared since \d\d:\d\d UTC',
                         str(about['changed']))
     assert about['evidence']['e_value'] > 100.0
@@ -268,7 +268,7 @@ def test_a_stretch_that_says_too_little_is_followed_by_a_longer_one(loop: Loop) 
     loop.until(lambda: 'traced' in loop.events())
     assert 'not enough' not in loop.said()
     assert loop.events().count('captured') == 2
-    # Without an event of the twin it is told, and left at that.
+    # Without an event of the twin it is announced, and nothing more.
     loop.judged(4.0, 1.0)
     loop.lacks = 'all is at rest'
     loop.keeper.ask(loop.now, 'a person')

@@ -89,7 +89,7 @@ def test_every_pattern_is_scored_once() -> None:
     from hydro_twin.fitting.recurrent import windows
     rows, scored = windows([95, 7, 200, 50])
     assert sorted(rows[scored]) == list(range(352))
-    for k, begin in ((0, 0), (95, 95), (102, 102), (302, 302)):     # each stretch starts afresh
+    for k, begin in ((0, 0), (95, 95), (102, 102), (302, 302)):     # each stretch starts from zero
         assert begin in rows[:, 0]
         assert k in rows[scored]
 

@@ -34,12 +34,12 @@ def test_messages_that_arrive_in_bursts_show_their_period():
     assert period(samples(received, stamped=False)) == pytest.approx(0.05, rel=0.02)
 
 
-@pytest.mark.parametrize(('truth', 'told'), [
+@pytest.mark.parametrize(('truth', 'expected'), [
     (0.05, 0.05), (0.0500049, 0.05), (0.0510204, 0.0510204), (1 / 300, 0.003333333)])
-def test_a_period_is_a_round_number_where_it_nearly_is_one(truth, told):
-    assert period(samples(truth * np.arange(2000))) == pytest.approx(told, rel=1e-6)
-    if told == 0.05:
-        assert period(samples(truth * np.arange(2000))) == told
+def test_a_period_is_a_round_number_where_it_nearly_is_one(truth, expected):
+    assert period(samples(truth * np.arange(2000))) == pytest.approx(expected, rel=1e-6)
+    if expected == 0.05:
+        assert period(samples(truth * np.arange(2000))) == expected
 
 
 def test_a_few_samples_have_a_period_and_one_has_none():

@@ -102,7 +102,7 @@ signals: {command: t, x: run}
     ('plant: cylinder\nsignals: {x: x}\ntime: t\nrows: [1.5, 5]', 'rows must be'),
     ('plant: cylinder\nsignals: {x: x}\ntime: t\nrows: 5', 'rows must be'),
     ('plant: cylinder\nsignals: {x: x}\ntime: t\ntime_range: [2]', 'time_range must be'),
-    ('plant: cylinder\nsignals: {x: x}\ntime: t\ntime_range: [2, 2]', 'not after its begin'),
+    ('plant: cylinder\nsignals: {x: x}\ntime: t\ntime_range: [2, 2]', 'not after its start'),
     ('plant: cylinder\nsignals: {x: x}\ntime: t\ntime_range: [a, 2]', 'finite number'),
 ])
 def test_mistakes_in_a_map_file(tmp_path, text, says):

@@ -42,7 +42,7 @@ def test_thinning_keeps_every_extreme(count):
 def test_a_chart_for_the_script_gives_back_its_points():
     drawn = illustrations(result('positioning'))[0]
     curve = drawn.views[0].charts[0].curves[0]
-    told = plain(drawn)['views'][0]['charts'][0]['curves'][0]
-    x = told['x']['start'] + told['x']['step'] * np.arange(len(told['y']))
+    plotted = plain(drawn)['views'][0]['charts'][0]['curves'][0]
+    x = plotted['x']['start'] + plotted['x']['step'] * np.arange(len(plotted['y']))
     np.testing.assert_allclose(x, curve.x)
-    np.testing.assert_allclose(told['y'], curve.y, rtol=1e-5)
+    np.testing.assert_allclose(plotted['y'], curve.y, rtol=1e-5)

@@ -189,7 +189,7 @@ def box_share(results: Results) -> str:
 
 
 def alignment(results: Results) -> str:
-    """Set both readings of the alignment side by side."""
+    """Compare both interpretations of the alignment."""
     study = results['published']
     rows = []
     for name, key in (('LS', 'least_squares'), ('14 free', 'unconstrained'), ('MLP', 'mlp'),

@@ -56,6 +56,6 @@ def findings(results: Results) -> str:
             f'worse in training (71 % in the paper), MLP {burst["mlp"]:+.0f} %, hybrid '
             f'{burst["hybrid"]:+.0f} %.',
         'MLP and hybrid are equal (p = 0.48)':
-            f'{_verdict(p_equal > LEVEL, "Hangs on the structure")}. {equal(results)}',
+            f'{_verdict(p_equal > LEVEL, "Depends on the structure")}. {equal(results)}',
     }
     return table(['finding of [B19]', 'here'], found.items())

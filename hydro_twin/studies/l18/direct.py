@@ -119,7 +119,7 @@ def nearest_loop(past: FloatArray, target: FloatArray, T: float, k_1: float) -> 
 
 def _estimates(values: Mapping[str, float], relative: Mapping[str, float | None]
                ) -> dict[str, Estimate]:
-    """Put values and relative standard errors together; None: the data do not tell it."""
+    """Put values and relative standard errors together; None: the data do not determine it."""
     errors = {name: relative[name] for name in NAMES}
     return {name: Estimate(values[name], identifiable=error is not None,
                            std_error=None if error is None else values[name] * error)

@@ -80,7 +80,7 @@ class PublishedFit:
         exact: parameters read from the poles, or why there are none.
         nearest: the loop that predicts most nearly what the weights predict.
         predicted: one-step prediction [1] of the 5-1-1 network, shape (samples - 3,).
-        free_run: that network on its own past [1], the same shape; the test part starts anew
+        free_run: that network on its own past [1], the same shape; the test part starts again
             from the measured opening.
     """
 
@@ -110,7 +110,7 @@ def fit_published(recording: Recording, k_1: float, seed: int = 0) -> PublishedF
 
     Args:
         recording: with the signals command and opening.
-        k_1: correction coefficient [1]; command and opening tell only T_c / k_1.
+        k_1: correction coefficient [1]; command and opening show only T_c / k_1.
         seed: of the network's starting weights.
 
     Raises:

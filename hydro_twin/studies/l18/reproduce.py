@@ -1,7 +1,7 @@
 """Remake every table and figure of docs/valve_servo.md.
 
 Run it as `python -m hydro_twin.studies.l18.reproduce PAGE`: the blocks of the page, each between
-two comments, are written anew, and the figures go to img/l18 beside it. It takes some minutes.
+two comments, are rewritten, and the figures go to img/l18 beside it. It takes some minutes.
 """
 from __future__ import annotations
 
