@@ -99,7 +99,7 @@ def evidence(name, found=True, curve=False, seconds=0.6, source='a bag'):
                        for k in range(len(effects))) if found else (),
         improvement=improvement(residuals(before.candidate, test),
                                 residuals(after.candidate, test), 0),
-        held_out_error=after.error, larger_by_chance=0.5, floor=noise_floor(by_part(after)),
+        held_out_error=after.error, floor=noise_floor(by_part(after)),
         white=is_white(by_part(after)),
         lines=() if found else (Line(50.25, 0.125),),
         bursts=() if found else (Burst(0, 50, 100),),

@@ -137,7 +137,7 @@ DRAWS: dict[str, list[tuple[str, str, Draw]]] = {
             'command_limit': s.u - s.span * share(g, 0.02, 0.4)}),
     ],
     'variant': [
-        ('saturation', 'hard_stop', lambda s, g: {'stop': s.top - s.span * share(g, .03, .4)}),
+        ('end_stop', 'hard_stop', lambda s, g: {'stop': s.top - s.span * share(g, .03, .4)}),
         ('rate_limit', 'uneven_speed', lambda s, g: {
             'speed_up': s.speed * g.uniform(0.2, 0.8), 'speed_down': s.speed * g.uniform(.2, .8)}),
         ('backlash', 'play_in_loop', lambda s, g: {

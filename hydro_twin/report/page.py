@@ -27,7 +27,7 @@ def page(result: TraceResult, summary: Mapping[str, Any], provenance: Mapping[st
     unit = result.plant.output.unit
     pages = environment()
     pages.filters |= {'short': short, 'spread': spread, 'percent': percent, 'shift': shift,
-                      'p': lambda value: '< 1e-99' if value < 1e-99 else f'{value:.2g}',
+                      'p': probability,
                       'sentence': lambda text: text[:1].upper() + text[1:]}
     series_parts = [part for part in ('train', 'test')
                     if all(part in row['before']['free_run'] for row in summary['series'])]
@@ -65,6 +65,11 @@ def short(value: float | None) -> str:
 def spread(value: float | None) -> str:
     """Write a standard error."""
     return NOT_KNOWN if value is None else f'{value:.2g}'
+
+
+def probability(value: float) -> str:
+    """Write a p-value or a probability."""
+    return '< 1e-99' if value < 1e-99 else f'{value:.2g}' if value < 0.1 else short(value)
 
 
 def percent(share: float | None) -> str:

@@ -35,7 +35,6 @@ class Evidence:
         improvement: of what is judged, see `TraceResult`, by what was named and by the curve.
         held_out_error: RMS of the residual of `after` on the like of the test parts, but for
             their initial states.
-        larger_by_chance: p-value of that, were it of the power of the residual fitted.
         floor: estimated RMS of the noise.
         bursts: when much of what is left comes, if seldom; in `train`, then in `test`.
         depends_on: what the residual of `after` still depends on.
@@ -58,7 +57,6 @@ class Evidence:
     findings: tuple[Finding, ...]
     improvement: Improvement
     held_out_error: float
-    larger_by_chance: float
     floor: float
     white: bool
     lines: tuple[Line, ...]

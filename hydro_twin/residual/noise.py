@@ -69,12 +69,6 @@ def effective_samples(stretches: Sequence[FloatArray]) -> float:
     return len(joined) / (1.0 + 2.0 * float(np.sum(np.square(correlations))))
 
 
-def larger_by_chance(residual: Sequence[FloatArray], than: Sequence[FloatArray]) -> float:
-    """P-value of a residual being so much larger than another, were both of one power (F test)."""
-    ratio = (rms(np.concatenate(residual)) / max(rms(np.concatenate(than)), 1e-300)) ** 2
-    return float(stats.f.sf(ratio, effective_samples(residual), effective_samples(than)))
-
-
 def whiten(stretches: Sequence[FloatArray], filter_: FloatArray) -> FloatArray:
     """Filter every stretch and join them, without the samples that lack a past."""
     cut = len(filter_) - 1

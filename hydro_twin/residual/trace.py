@@ -28,7 +28,7 @@ from hydro_twin.residual.excerpt import excerpt, harmless_factor, resampled, thi
 from hydro_twin.residual.findings import Chain, share
 from hydro_twin.residual.limits import without_unreached
 from hydro_twin.residual.memory import named, remember
-from hydro_twin.residual.noise import bursts, larger_by_chance, lines, noise_floor
+from hydro_twin.residual.noise import bursts, lines, noise_floor
 from hydro_twin.residual.proof import improvement, proof, residuals
 from hydro_twin.residual.screen import hidden
 from hydro_twin.residual.select import (
@@ -230,8 +230,7 @@ def _search(train: Recording, test: Recording, plant: Plant,
         recordings={'train': train, 'test': test}, fitted=fine, hidden=(),
         findings=chain.findings,
         improvement=gain, held_out_error=rms(np.concatenate(left)),
-        larger_by_chance=larger_by_chance(left, pieces), floor=noise_floor(pieces),
-        white=is_white(pieces),
+        floor=noise_floor(pieces), white=is_white(pieces),
         lines=tuple(lines(pieces, sample_time)),
         bursts=tuple(bursts(residuals(after, [*whole, *held_out]))),
         depends_on=tuple(dependences(after, fine)), drifts=drift(after, fine),

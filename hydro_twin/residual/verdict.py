@@ -7,16 +7,13 @@ from hydro_twin.effects import EFFECTS, Span
 from hydro_twin.plants import Plant, Port
 from hydro_twin.residual.evidence import Evidence
 from hydro_twin.residual.findings import Finding
-from hydro_twin.residual.noise import COLOURED
 from hydro_twin.residual.probability import chance, shares, unknown
 from hydro_twin.residual.screen import places, spans
 from hydro_twin.residual.structure import drifts
 from hydro_twin.result import CLOSE, NamedEffect, VerdictKind
 
 LEFT = 0.01             # share of the residual that ports may predict if a law is right
-LIKELY = 0.05           # p-value of that share, if the residual is white; else 1
-LARGER = 1e-3           # p-value of the error on held-out data being larger by chance, below which
-#                         coloured noise may hide that the law is another
+LIKELY = 0.05           # p-value of that share
 TELLING = 3000.0        # energy explained over the noise variance, to be sure of a law
 
 
@@ -55,9 +52,7 @@ def _judge(found: Evidence, finding: Finding, reach: Mapping[Port, Span]) -> Nam
     rivals = _by_id(finding, placed.effect.id, alike)
     samples = len(found.after.main.residual)
     telling = finding.share / (1.0 - min(finding.share, 1.0 - 1e-12)) * samples
-    settled = (telling > TELLING and not is_structured(found, LIKELY if found.white else 1.0)
-               and found.after.error < COLOURED * found.floor
-               and (found.white or found.larger_by_chance > LARGER))
+    settled = telling > TELLING and found.white and not is_structured(found, LIKELY)
     among = shares({placed.effect.id: 0.0, **dict(rivals)}, samples)
     return NamedEffect(
         finding.index, placed, finding.p_value, finding.share, settled,

@@ -8,7 +8,6 @@ from hydro_twin.residual.noise import (
     autoregression,
     Burst,
     bursts,
-    larger_by_chance,
     lines,
     noise_floor,
     whiten,
@@ -119,16 +118,3 @@ def test_what_comes_again_and_again_is_no_burst():
     """As where a law is lacking that acts at each turn of a motion."""
     r = noise(4, 1500)[0] + 8.0 * (np.arange(1500) % 250 < 50)
     assert bursts([r]) == []
-
-
-@pytest.mark.parametrize('memory', [0.0, 0.8])
-def test_noise_of_one_power_seldom_seems_larger(memory):
-    values = np.array([larger_by_chance(noise(seed, 700, 800, memory=memory),
-                                        noise(seed + 1000, 1400, 1600, memory=memory))
-                       for seed in range(300)])
-    # Binomial: more than 13 of 300 below 0.02 are met once in a hundred runs; the sample
-    # autocorrelations count a few samples too many.
-    assert np.count_nonzero(values < 0.02) <= 13
-    assert 0.3 < np.median(values) < 0.7
-    larger = [1.3 * r for r in noise(0, 700, 800, memory=memory)]
-    assert larger_by_chance(larger, noise(1000, 1400, 1600, memory=memory)) < 1e-3

@@ -1,5 +1,6 @@
 """What may be said of the evidence of a trace."""
 from dataclasses import replace
+import math
 
 import numpy as np
 import pytest
@@ -7,11 +8,13 @@ from scipy.signal import lfilter
 from trace_by_hand import candidate, evidence, parts
 
 from hydro_twin.fitting.parts import Part
+from hydro_twin.model import place
 from hydro_twin.plants import plant_named
 from hydro_twin.report.summary import remainder_sentence, summarise
 from hydro_twin.residual.evaluate import result_of
 from hydro_twin.residual.findings import Finding
-from hydro_twin.residual.noise import noise_floor
+from hydro_twin.residual.noise import Burst, noise_floor
+from hydro_twin.residual.probability import chance, of_verdict, SAMPLES
 from hydro_twin.residual.select import search
 from hydro_twin.residual.verdict import named_effects, verdict_of
 
@@ -49,30 +52,56 @@ def test_coloured_noise_may_look_five_times_as_large(rubbing):
     assert verdict_of(coloured) == 'nothing_missing'
 
 
-def test_a_law_is_not_certain_where_much_is_left(rubbing):
-    alone = replace(rubbing, findings=tuple(
-        replace(finding, rivals=()) for finding in rubbing.findings))
+def without_rivals(evidence):
+    return replace(evidence, findings=tuple(
+        replace(finding, rivals=()) for finding in evidence.findings))
+
+
+def test_a_law_is_certain_where_the_residual_is_white_and_no_rival_is_near(rubbing):
+    alone = without_rivals(rubbing)
     assert all(one.certain for one in named_effects(alone))
-    more = replace(alone, floor=alone.after.error / 3.0)
-    assert not any(one.certain for one in named_effects(more))
+    for doubt in ({'white': False}, {'floor': alone.after.error / 8.0},
+                  {'held_out_error': 2.0 * alone.after.error}):
+        assert not any(one.certain for one in named_effects(replace(alone, **doubt))), doubt
 
 
-def test_a_law_is_not_certain_where_memory_is_left_that_the_ports_predict(rubbing):
-    alone = replace(rubbing, findings=tuple(
-        replace(finding, rivals=()) for finding in rubbing.findings))
-    doubtful = (0.1, 0.2)       # a tenth is predicted, which noise might be once in five times
-    for white, by_ports, certain in ((True, doubtful, True), (False, doubtful, False),
-                                     (False, (0.1, 1.0), True), (False, (0.001, 0.2), True)):
-        found = named_effects(replace(alone, white=white, by_ports=by_ports))
-        assert all(one.certain == certain for one in found), (white, by_ports)
+@pytest.mark.parametrize(('by_ports', 'certain'), [
+    ((0.1, 0.02), False),       # a tenth is predicted, which noise would be once in fifty times
+    ((0.1, 0.2), True), ((0.001, 0.02), True)])
+def test_a_law_is_not_certain_where_the_ports_predict_what_is_left(rubbing, by_ports, certain):
+    found = named_effects(replace(without_rivals(rubbing), by_ports=by_ports))
+    assert [one.certain for one in found] == [certain] * len(found)
 
 
-def test_a_law_is_not_certain_where_coloured_noise_is_larger_on_held_out_data(rubbing):
-    alone = replace(rubbing, findings=tuple(
-        replace(finding, rivals=()) for finding in rubbing.findings))
-    for white, p_value, certain in ((True, 1e-5, True), (False, 1e-5, False), (False, 0.1, True)):
-        found = named_effects(replace(alone, white=white, larger_by_chance=p_value))
-        assert all(one.certain == certain for one in found), (white, p_value)
+@pytest.mark.parametrize('distance', [0.0, 8.0, 40.0])
+def test_what_the_data_do_not_decide_is_shared_with_the_rival(rubbing, distance):
+    """Two laws share their probability as a coarsened posterior does, and no more than that."""
+    (found, *_) = rubbing.findings
+    rival = place('dead_zone', 'spool', {'width': 1e-6}, rubbing.plant)
+    (alone, *_), (beside, *_) = (
+        named_effects(replace(rubbing, findings=(replace(found, rivals=rivals),)))
+        for rivals in ((), ((rival, distance),)))
+    temper = SAMPLES / (SAMPLES + len(rubbing.after.main.residual))
+    odds = math.exp(0.5 * temper * distance)
+    assert beside.probability == pytest.approx(alone.probability * odds / (1.0 + odds))
+
+
+def test_the_probabilities_of_the_verdicts_sum_to_one(rubbing):
+    for found in (rubbing, replace(rubbing, findings=()),
+                  replace(rubbing, findings=(), white=False, bursts=(Burst(0, 0, 50),))):
+        effects, verdict = named_effects(found), verdict_of(found)
+        nothing, law_unknown = of_verdict(verdict, effects)
+        named = 1.0 - nothing - law_unknown
+        assert {'nothing_missing': nothing, 'unexplained': law_unknown,
+                'effect_found': named}[verdict] > 0.8
+        assert all(0.0 <= effect.probability <= named + 1e-12 for effect in effects)
+        assert all(sum(effect.ports.values()) == pytest.approx(1.0) for effect in effects)
+
+
+@pytest.mark.parametrize(('p_value', 'least'), [(0.01, 0.1113), (0.001, 0.0184)])
+def test_a_p_value_is_worth_at_most_what_the_bound_says(p_value, least):
+    """Table 1 of Sellke, Bayarri and Berger (2001): 0.11 and 0.018 for p of 0.01 and 0.001."""
+    assert chance(p_value) == pytest.approx(least, abs=5e-4)
 
 
 @pytest.mark.parametrize(('travel', 'others'), [(0.0, ['ripple']), (0.05, ['ripple']), (0.3, [])])
