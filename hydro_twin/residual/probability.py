@@ -13,7 +13,7 @@ import math
 
 from hydro_twin.result import NamedEffect, VerdictKind
 
-SAMPLES = 260.0         # as many decide between two laws: 100 of BIC, of 3000 samples, is 1 %
+SAMPLES = 1000.0        # as many decide between two laws: 20 of BIC, of 3000 samples, is 7 %
 # Share of the development rigs on which the law was another than those named ...
 SETTLED = 0.004         # ... where no test found anything in the residual
 DOUBTFUL = 0.12         # ... and where one did
