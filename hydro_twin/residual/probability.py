@@ -15,11 +15,11 @@ from hydro_twin.result import NamedEffect, VerdictKind
 
 SAMPLES = 1000.0        # as many decide between two laws: 20 of BIC, of 3000 samples, is 7 %
 # Share of the development rigs on which the law was another than those named ...
-SETTLED = 0.004         # ... where no test found anything in the residual
-DOUBTFUL = 0.12         # ... and where one did
+SETTLED = 0.005         # ... where no test found anything in the residual
+DOUBTFUL = 0.15         # ... and where one did
 # Share on which an effect showed although nothing was found, and none although something was left.
-MISSED = 0.03
-MISTAKEN = 0.03
+MISSED = 0.15
+MISTAKEN = 0.02
 
 
 def shares(distances: Mapping[str, float], samples: int) -> dict[str, float]:
