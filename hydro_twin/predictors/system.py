@@ -20,7 +20,8 @@ IntArray = npt.NDArray[np.int64]
 
 NEWTON = 20             # steps to the state at rest, at most
 BEYOND = 1e30           # any edge
-STAGES = 64             # of a drift: a step is 1/64 of it, and half of that the largest error
+STAGES = 64             # of a drift, at most; half of one is the largest error
+STAGE = 0.01            # relative change of a parameter in a stage, where fewer do
 
 
 @dataclass(frozen=True)
@@ -215,7 +216,12 @@ def assemble(plant: Plant, values: Mapping[str, float], effects: Sequence[Placed
              for span in [placed.effect.course.span(placed.values)]]
     if not spans:
         return at(math.inf)
-    edges = np.linspace(min(begin for begin, _ in spans), max(end for _, end in spans), STAGES + 1)
+    change = sum(abs(math.log(placed.effect.course.factor(placed.values, begin)))
+                 for placed in effects if placed.effect.course is not None
+                 for begin, _ in [placed.effect.course.span(placed.values)])
+    # A power of two, so that the number seldom changes while a rate is searched.
+    stages = min(STAGES, 2 ** max(0, math.ceil(math.log2(max(change, STAGE) / STAGE))))
+    edges = np.linspace(min(begin for begin, _ in spans), max(end for _, end in spans), stages + 1)
     earlier = tuple((round(1e9 * end), at(0.5 * (begin + end)))
                     for begin, end in pairwise(edges.tolist()))
     return replace(at(math.inf), earlier=earlier)

@@ -15,7 +15,8 @@ from hydro_twin.predictors.rows import in_rows
 from hydro_twin.predictors.system import discretise, port_rows, System
 
 COMPLEX_STEP = 1e-20
-NODES = 9               # a parameter that more than doubles turns the derivatives by 2 %
+NODES = 9               # at most: a parameter that more than doubles turns the derivatives by 2 %
+APART = 0.1             # logarithm of a parameter between nodes, where fewer do
 
 
 class Tangent(NamedTuple):
@@ -90,7 +91,7 @@ def tangents_of(system: System, by: Callable[[System], Directions]) -> list[Tang
     """Differentiate the step of every stage of a system.
 
     The matrices go smoothly with a parameter that drifts, so that their derivatives are taken at
-    `NODES` of its values and interpolated.
+    up to `NODES` of its values and interpolated.
 
     Args:
         system: what is run.
@@ -101,7 +102,8 @@ def tangents_of(system: System, by: Callable[[System], Directions]) -> list[Tang
     way = np.cumsum([0.0, *(max(abs(math.log(then / now)) for now, then in zip(
         before.values.values(), after.values.values(), strict=True))
         for before, after in pairwise(stages))])
-    nodes = np.unique(np.searchsorted(way, np.linspace(0.0, way[-1], NODES)))
+    count = min(NODES, 2 + int(way[-1] / APART))
+    nodes = np.unique(np.searchsorted(way, np.linspace(0.0, way[-1], count)))
     moves = [moves_of(stages[k], names) for k in nodes]
     shares = np.column_stack([np.interp(way, way[nodes], row) for row in np.eye(len(nodes))])
     return [tangent_of(stage, some, {
