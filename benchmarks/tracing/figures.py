@@ -17,7 +17,8 @@ from benchmarks.tracing.lacking import STATIC
 
 Line = dict[str, Any]
 ENOUGH = 0.8    # of what the true law would explain
-HAS_A_NAME = {'resonance': 'mode'}      # effects of 'outside' that the library names
+# Effects of 'outside' that the library names.
+HAS_A_NAME = {'resonance': 'mode', 'leak_drift': 'drift'}
 SHOWS = 0.03    # an effect shows where the best linear fit's error is this far above the noise
 
 

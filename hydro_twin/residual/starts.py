@@ -22,7 +22,6 @@ from hydro_twin.predictors.scores import rms
 from hydro_twin.residual.screen import places, Prospect, spans
 from hydro_twin.residual.structure import drift, drifting, drifts
 
-DRIFTING = 3            # parameters that are let drift: the winner is tried at all others, too
 AGAIN = 5               # effects with the best scores that are searched from two starting points
 
 
@@ -50,15 +49,14 @@ def linear_starts(candidate: Model, parts: Sequence[Part]) -> list[Model]:
 
 def drift_starts(base: Fit, parts: Sequence[Part], times: tuple[float, float]
                  ) -> list[Model]:
-    """Let the likeliest parameters drift at the rate that the residual says, if any does."""
+    """Let each parameter drift at the rate that the residual says, if it says that any does."""
     if not drifts(drift(base, parts)):
         return []
     rates, plant = drifting(base, parts), base.candidate.plant
-    sites = {port.name: effect for effect, port in
-             places(plant, base.candidate.effects, parameters=True) if effect.course is not None}
-    likely = [name for name, rate in rates.items() if rate and name in sites][:DRIFTING]
-    return [with_effect(base.candidate, place(sites[name].id, name, {
-        'rate': rates[name], 'begin': times[0], 'end': times[1]}, plant)) for name in likely]
+    return [with_effect(base.candidate, place(effect.id, port.name, {
+                'rate': rates[port.name], 'begin': times[0], 'end': times[1]}, plant))
+            for effect, port in places(plant, base.candidate.effects, parameters=True)
+            if effect.course is not None and rates.get(port.name)]
 
 
 def with_each(linear: Model, parts: Sequence[Part]) -> list[Model]:

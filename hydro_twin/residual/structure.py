@@ -112,21 +112,20 @@ def drifting(fit: Fit, parts: Sequence[Part]) -> dict[str, float]:
 
     Returns:
         Change a second over the value at the end, least squares on the residual of the fit, of
-        each parameter that was fitted; that which explains most of the residual first.
+        each parameter that was fitted.
     """
     fit = fit.main
     basis, _ = np.linalg.qr(fit.jacobian)
     time = times(fit, parts)
     residual = fit.residual - basis @ (basis.T @ fit.residual)
-    rates, explains = {}, {}
+    rates = {}
     for unknown, slope in zip(fit.unknowns, fit.jacobian.T, strict=True):
         if unknown.owner == '':
             column = slope * (time - time.max())
             column -= basis @ (basis.T @ column)
             size = float(column @ column)
             rates[unknown.name] = float(column @ residual) / size if size > 0.0 else 0.0
-            explains[unknown.name] = rates[unknown.name] ** 2 * size
-    return {name: rates[name] for name in sorted(rates, key=explains.__getitem__, reverse=True)}
+    return rates
 
 
 def drifts(found: tuple[float, float]) -> bool:
