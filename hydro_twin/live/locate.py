@@ -90,9 +90,8 @@ def _gain(explanation: _Explanation) -> float:
 def _search(best: _Explanation) -> _Explanation:
     """Find the intensity of the walk, with what passes at the port under the law found before."""
     for step in STEPS:
-        tried = {max(best.walk * math.exp(way * step), LEAST if best.walk else 0.0)
-                 for way in (-1.0, 0.0, 1.0)}
-        best = max([best, *(one for walk in tried for one in
+        walks = {0.0, *(max(best.walk * math.exp(way * step), LEAST) for way in (-1.0, 0.0, 1.0))}
+        best = max([best, *(one for walk in walks for one in
                             _explanations(best.suspect, walk, best))], key=_gain)
     return best
 

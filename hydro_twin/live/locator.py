@@ -15,7 +15,7 @@ from hydro_twin.plants.plant import FloatArray
 LEAD = 500      # samples before the fault, in which the observer finds the states: 1 s at 500 Hz
 EARLY = 250     # of these, by how many a fault may set in before the batch in which it shows
 SPAN = 2500     # samples of the fault that are waited for: 5 s at 500 Hz, some strokes of a rig
-LEAST = 250     # samples of the fault without which nothing is located: curves have 8 unknowns
+LEAST = 250     # samples of the fault without which nothing is located: a law has 17 unknowns
 KEPT = 2 * (LEAD + SPAN)        # newest samples: those of a rise, a batch of it and the wait
 
 

@@ -8,7 +8,7 @@ import numpy as np
 from hydro_twin.plants import Port
 from hydro_twin.plants.plant import FloatArray
 
-KNOTS = 8           # intervals of a curve: what is finer than an eighth of its range is left over
+KNOTS = 16          # intervals of a curve: with 8, the gap of a play falls between two knots
 # Half widths of loops, in shares of half the range: from hardly a loop to the half of it.
 LOOPS = (0.03, 0.06, 0.12, 0.25, 0.5)
 

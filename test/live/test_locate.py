@@ -15,7 +15,8 @@ from scipy.stats import multivariate_normal
 from hydro_twin.live.diagnostics import Diagnosis
 from hydro_twin.live.live import Live
 from hydro_twin.live.locate import change, integrated, locate
-from hydro_twin.live.locator import LEAST, Locator, SPAN
+from hydro_twin.live.location import Location
+from hydro_twin.live.locator import EARLY, KEPT, LEAD, LEAST, Locator, SPAN
 from hydro_twin.live.monitor import LEARN, Rise
 from hydro_twin.live.signatures import curve, KNOTS, LOOPS, loops
 from hydro_twin.live.twin import Twin
@@ -142,6 +143,7 @@ def test_the_change_of_a_variance_is_found() -> None:
     assert abs(change(innovation, 300, 1000) - 700) < 5
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize('effect', [
     FRICTION,
     ('stiffening', 'coupling', {'cubic': 3e3}),
@@ -163,31 +165,50 @@ def test_what_the_model_explains_is_not_located() -> None:
     assert str(where) == 'is not located'
 
 
-def test_a_rise_waits_for_the_samples_of_the_fault_or_for_their_end() -> None:
-    inputs, measured = joined(2.0, 7.0)
-    stamps = [k * 2_000_000 for k in range(len(measured))]
-    locator, rise = Locator(MODEL), Rise(stamps[900], stamps[1400], stamps[1400], 1.0, 0.5)
+def test_a_rise_waits_for_the_samples_of_the_fault_or_for_their_end(monkeypatch) -> None:
+    asked = []
+
+    def located(model, inputs, measured, first, last) -> Location:
+        asked.append((len(inputs), measured[first], measured[last]))
+        return Location(('motor',))
+
+    monkeypatch.setattr('hydro_twin.live.locate.locate', located)
+    locator, rise = Locator(MODEL), Rise(2000, 2500, 2500, 1.0, 0.5)     # a sample a nanosecond
     assert locator.located() is None
     locator.take(rise)
-    for k, (row, value) in enumerate(zip(inputs, measured.tolist(), strict=True)):
-        if k == SPAN:
-            assert locator.located() is None        # too few, and more came
+    for k in range(2500 + SPAN + 1):
+        if k in (3000, 4000):
+            assert locator.located() is None        # too few of the fault, and more came
             assert not locator.at_work
-        locator.add(stamps[k], row, value)
+        locator.add(k, np.zeros(2), float(k))
     while (found := locator.located()) is None:
-        time.sleep(0.01)
-    assert found.location is not None
-    assert 'motor' in found.location.ports
-    assert replace(found, location=None) == rise
+        time.sleep(0.001)
+    assert found == replace(rise, location=Location(('motor',)))
+    assert asked == [(LEAD + EARLY + 500 + SPAN + 1, 2000 - EARLY, 2500)]
+    assert locator.located() is None                # once
+
     locator.clear()
     locator.take(rise)
-    for k in range(LEAST):
-        locator.add(stamps[k], inputs[k], measured[k])
+    for k in range(2500 + LEAST - 1):
+        locator.add(k, np.zeros(2), float(k))
     assert locator.located() is None                # the first time, more may come
     while (found := locator.located()) is None:
-        time.sleep(0.01)
-    assert found.location is not None
-    assert found.location.ports == ()               # of so few samples
+        time.sleep(0.001)
+    assert found.location == Location()             # of so few samples
+    assert len(asked) == 1
+
+
+def test_of_a_fault_older_than_the_samples_the_last_are_taken(monkeypatch) -> None:
+    asked = []
+    monkeypatch.setattr('hydro_twin.live.locate.locate', lambda *args: asked.append(args))
+    locator = Locator(MODEL)
+    for k in range(2 * KEPT):
+        locator.add(k, np.zeros(2), float(k))
+    locator.take(Rise(100, 600, 2 * KEPT - 1, 1.0, 0.5))
+    while locator.located() is None:
+        time.sleep(0.001)
+    (_, inputs, measured, first, last), = asked
+    assert (len(inputs), measured[-1], first, last) == (SPAN, 2 * KEPT - 1, 0, 0)
 
 
 def test_event_and_diagnostics_carry_where_the_fault_enters(monkeypatch) -> None:
