@@ -53,9 +53,10 @@ docs: $(UV)
 bags: $(UV)
 	$(RUN) bags/make.sh
 
-# Remake the picture of the README.
+# Remake the pictures of the README and of docs/live.md.
 picture: demo
 	cp out/picture.png docs/img/before_after.png
+	$(RUN) python -m benchmarks.observer_picture $(BAG) out/model.yaml docs/img/observer.png
 
 .uv/bin/uv:
 	python3 -m venv .uv

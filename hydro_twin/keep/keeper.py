@@ -91,11 +91,13 @@ class Keeper:
         if event.get('model'):
             return     # of one that runs beside the champion
         settled, since = event.get('settled'), None
+        where = event.get('location')
         if isinstance(settled, int):     # what was before would blur what it has become
             since = next((then for then, stamp in self.times if stamp >= settled), now)
         self._standing, self._settled, self.lacking = now, since, ''
         self.ask(now, f'refit: the residual is {event.get("rms", 0.0):.4g}, promised '
-                      f'{event.get("promised", 0.0):.4g}', since)
+                      f'{event.get("promised", 0.0):.4g}'
+                      + (f'; the fault {where["says"]}' if where else ''), since)
 
     def ask(self, now: int, why: str, since: int | None = None) -> None:
         """Capture."""

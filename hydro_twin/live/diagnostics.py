@@ -144,6 +144,13 @@ class Diagnosis:
                 what = (f'the residual is {rise.rms / rise.promised:.2f} times what the model '
                         'promised' if rise.sign == 'level' else
                         'the innovation is less white than it was')
+                if rise.location is not None:
+                    where = rise.location
+                    what += f'; the fault {where}'
+                    values['location'] = ' or '.join(where.ports)
+                    values['location likelier by [nat]'] = f'{where.gain:.0f}'
+                    values['location less likely by [nat]'] = ', '.join(
+                        f'{port} {less:.0f}' for port, less in where.others)
                 message = (f'refit: {what}; record the inputs as from stamp '
                            f'{rise.begin * 1e-9:.3f} to {rise.end * 1e-9:.3f}')
         if diverged:

@@ -12,6 +12,8 @@ import math
 import numpy as np
 from scipy.optimize import brentq
 
+from hydro_twin.live.location import Location
+
 RISE = 1.2              # the rise of the residual's RMS that is to be found
 FALSE_ALARM = 10 * 86400.0   # mean time between false alarms [s]: a tenth of an alarm a day
 BATCH = 1.0             # length of the shortest batch [s]
@@ -116,6 +118,7 @@ class Rise:
         sign: 'level' or 'colour': what no longer is as it was.
         begin, end: stamps of the stretch [ns].
         settled: stamp at which the first batch of it ends, in which the rise may have begun [ns].
+        location: where the fault enters; None where that is not looked for.
     """
 
     begin: int
@@ -124,6 +127,7 @@ class Rise:
     rms: float
     promised: float
     sign: str = 'level'
+    location: Location | None = None
 
 
 class Colour:

@@ -7,7 +7,8 @@ from typing import Any
 
 import numpy as np
 
-from hydro_twin.live.monitor import Monitor
+from hydro_twin.live.locator import Locator
+from hydro_twin.live.monitor import Monitor, Rise
 from hydro_twin.plants.plant import FloatArray
 from hydro_twin.predictors.predictor import OBSERVER, Predictor
 from hydro_twin.predictors.scores import unscored
@@ -51,6 +52,10 @@ class Twin:
         """Begin a run, and watch the residual anew."""
         self.monitor = (Monitor(self.promised, self.predictor.sample_time, self.mode == OBSERVER)
                         if self.promised else None)
+        model = self.predictor.model
+        # What is followed is not the model's any more.
+        self._locator = (Locator(model) if self.mode == OBSERVER and self.promised
+                         and model.noise is not None and not model.noise.follow else None)
         self.reset()
 
     def reset(self) -> None:
@@ -59,6 +64,31 @@ class Twin:
         self._step = self._stepper.step
         self._running = False
         self._count = 0
+        if self._locator is not None:
+            self._locator.clear()
+
+    def judge(self) -> Rise | None:
+        """Judge the residual, off the hot path, now and then.
+
+        Returns:
+            A rise when it has just been found, of an observer some seconds later, when it is also
+            known where the fault enters.
+        """
+        if self.monitor is None:
+            return None
+        rise = self.monitor.judge()
+        if self._locator is None:
+            return rise
+        if rise is not None:
+            self._locator.take(rise)
+        if (located := self._locator.located()) is not None:
+            self.monitor.rise = located
+        return located
+
+    @property
+    def locating(self) -> bool:
+        """Whether it is being found where a fault enters, so that `judge` will tell."""
+        return self._locator is not None and self._locator.at_work
 
     @property
     def shown(self) -> tuple[tuple[str, ...], tuple[str, ...]]:
@@ -112,6 +142,8 @@ class Twin:
         """
         prediction = self._step(inputs, measured, stamp)
         self._count += 1
+        if self._locator is not None:
+            self._locator.add(stamp, inputs, measured)
         if not abs(prediction) <= self._limit:
             if self._running:
                 self.divergences += 1

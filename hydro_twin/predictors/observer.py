@@ -17,12 +17,11 @@ from scipy.linalg import expm
 
 from hydro_twin.compiled import compiled
 from hydro_twin.plants.plant import FloatArray, Laws
-from hydro_twin.predictors import sensitivities
 from hydro_twin.predictors.follow import follow_by, Followed, NOBODY
 from hydro_twin.predictors.kernel import LIMIT
 from hydro_twin.predictors.quantities import quantities_of
 from hydro_twin.predictors.rows import in_rows, WIDTH
-from hydro_twin.predictors.sensitivities import partials, Rows, rows_for
+from hydro_twin.predictors.step_derivatives import advance, output, partials, Rows, rows_for
 from hydro_twin.predictors.system import System
 from hydro_twin.predictors.tangents import NONE, tangent_of
 
@@ -147,7 +146,7 @@ def run(  # type: ignore[no-untyped-def]
         if k > 0:
             if len(q) > 0:
                 follow_by(step, tangent, slow, walking)
-            sensitivities.advance(step, tangent, x, z, work, rows, g, inputs, k)
+            advance(step, tangent, x, z, work, rows, g, inputs, k)
             for i in range(n):
                 for j in range(n):
                     S[i, N + j] = filter_.process[i, j]
@@ -156,7 +155,7 @@ def run(  # type: ignore[no-untyped-def]
             triangularise(S, used, v)
         if len(q) > 0:
             follow_by(step, tangent, slow, walking)
-        y = sensitivities.output(step, tangent, x, z, work, rows, g, inputs, k, slope)
+        y = output(step, tangent, x, z, work, rows, g, inputs, k, slope)
         if not abs(y) < LIMIT:
             results[k:end] = float('nan')
             estimates[k:end] = float('nan')

@@ -18,21 +18,10 @@ from hydro_twin.predictors.step_derivatives import (
     output,
     partials,
     read_sensor,
-    Rows,
     rows_for,
 )
 from hydro_twin.predictors.system import System
 from hydro_twin.predictors.tangents import Directions, lasting, Tangent
-
-__all__ = [
-    'Rows',
-    'advance',
-    'output',
-    'partials',
-    'rows_for',
-    'run_all_with_slopes',
-    'run_with_slopes',
-]
 
 UNBOUNDED = 1e50        # of a derivative: its products in a fit would overflow
 

@@ -2,6 +2,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import asdict
 import json
 from typing import Any
 
@@ -12,6 +13,7 @@ from rclpy.time import Time
 from std_msgs.msg import String
 
 from hydro_twin.live.diagnostics import Status
+from hydro_twin.live.monitor import Rise
 from hydro_twin.live.twin import Twin
 from hydro_twin.ros.topics import blamed, OVERRIDES
 
@@ -36,6 +38,13 @@ class Announcer:
     def event(self, event: str, **about: Any) -> None:
         """Say that something happened to a model."""
         self._event.publish(String(data=json.dumps({'event': event, **about})))
+
+    def refit(self, twin: Twin, rise: Rise, topics: Sequence[str]) -> None:
+        """Say that a model no longer holds, and where the fault enters."""
+        self.event('refit', model=twin.name, topics=topics, **asdict(rise) | {
+            'location': rise.location and {
+                'ports': rise.location.ports, 'says': str(rise.location),
+                'gain': rise.location.gain, 'others': dict(rise.location.others)}})
 
     def diagnostics(self, now: Time, plant: str, statuses: Sequence[Status]) -> None:
         """Say how things stand; the hardware is the plant."""

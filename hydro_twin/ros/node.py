@@ -381,11 +381,8 @@ class TwinNode(LifecycleNode):
         self._diagnosed = now.nanoseconds
         self._topics.note_subscribers()
         for twin in diagnosis.twins:
-            if twin.monitor is not None and (rise := twin.monitor.judge()) is not None:
-                self._announcer.event(
-                    'refit', model=twin.name, begin=rise.begin, settled=rise.settled,
-                    end=rise.end, rms=rise.rms, promised=rise.promised, sign=rise.sign,
-                    topics=[feed.topic for feed in diagnosis.live.feeds])
+            if (rise := twin.judge()) is not None:
+                self._announcer.refit(twin, rise, [feed.topic for feed in diagnosis.live.feeds])
         statuses = diagnosis.inactive() if self._timer is None else diagnosis.statuses(
             now.nanoseconds, elapsed, self._topics.publishers())
         self._announcer.diagnostics(now, diagnosis.twins[0].predictor.plant.name, statuses)

@@ -1,0 +1,243 @@
+"""Where a fault enters: against a filter by hand, an exact likelihood, and simulated rigs."""
+from __future__ import annotations
+
+from dataclasses import replace
+import json
+import math
+import time
+
+from live_rig import SIGNALS
+import numpy as np
+import pytest
+from scipy.linalg import block_diag, expm
+from scipy.stats import multivariate_normal
+
+from hydro_twin.live.diagnostics import Diagnosis
+from hydro_twin.live.live import Live
+from hydro_twin.live.locate import change, integrated, locate
+from hydro_twin.live.location import Location
+from hydro_twin.live.locator import EARLY, KEPT, LEAD, LEAST, Locator, SPAN
+from hydro_twin.live.monitor import LEARN, Rise
+from hydro_twin.live.signatures import curve, KNOTS, LOOPS, loops
+from hydro_twin.live.twin import Twin
+from hydro_twin.live.unknown_input import Suspect, with_unknown_input
+from hydro_twin.model import Model, Noise, place
+from hydro_twin.plants import PLANTS
+from hydro_twin.predictors.analytical import Analytical
+from hydro_twin.predictors.observer import process_root
+from hydro_twin.simulation.simulate import simulate
+
+LOAD = PLANTS['load_simulator']
+T = LOAD.sample_time
+VALUES = LOAD.constant_values() | LOAD.middle()
+NOISE = Noise(0.5, {'x_v': 1e-8, 'p_L': 1e3, 'omega_j': 1e-2},
+              {'x_v': 1e-6, 'p_L': 1e5, 'omega_j': 0.1, 'theta_j': 1e-3})
+FRICTION = ('friction', 'motor', {'coulomb': 2.0})
+MODEL = Model(LOAD, VALUES, T, noise=NOISE).with_record(
+    errors={'after': {'observer': {'test': 0.51}}})
+
+
+def moved(effects: list[tuple[str, str, dict[str, float]]], duration: float, seed: int
+          ) -> tuple[np.ndarray, np.ndarray]:
+    """Simulate a rig by the integrator that shares nothing with the kernel, with noise.
+
+    It begins and ends at rest, so that others can follow.
+    """
+    rng = np.random.default_rng(seed)
+
+    def gate(t: np.ndarray) -> np.ndarray:
+        share = np.clip(np.minimum(t, duration - 0.3 - t) / 0.1, 0.0, 1.0)
+        return share ** 2 * (3.0 - 2.0 * share)
+
+    def command(t: np.ndarray) -> np.ndarray:
+        t = np.floor(t / T + 1e-6) * T
+        return 0.1 * gate(t) * sum(np.sin(2 * np.pi * f * t + f) for f in (0.7, 1.9, 4.3))
+
+    series = simulate(LOAD, VALUES, [place(*effect, LOAD) for effect in effects],
+                      {'u_m': command, 'theta_d': lambda t: 0.01 * gate(t) * np.sin(9.0 * t)},
+                      duration)
+    return (np.column_stack([series['u_m'], series['theta_d']]),
+            series['T_g'] + 0.5 * rng.standard_normal(len(series)))
+
+
+def joined(sound: float, faulty: float) -> tuple[np.ndarray, np.ndarray]:
+    """Simulate a rig that is sound for so many seconds, and then rubs."""
+    before, after = moved([], sound, 6), moved([FRICTION], faulty, 7)
+    return np.vstack([before[0], after[0]]), np.concatenate([before[1], after[1]])
+
+
+@pytest.mark.parametrize('plant', PLANTS.values(), ids=PLANTS)
+def test_an_unknown_input_enters_as_what_an_effect_adds(plant) -> None:
+    """Of every port but the last, whose value is the output; there the output moves by it."""
+    values = plant.constant_values() | plant.middle()
+    laws = plant.laws(values)
+    for index in range(len(plant.ports)):
+        found = with_unknown_input(plant, index, 2.0).laws(values)
+        np.testing.assert_allclose(found.A[:-1, -1], 2.0 * laws.E[:, index])
+        np.testing.assert_allclose(found.B[:-1, -1], 2.0 * laws.E[:, index])
+        assert not found.A[-1].any()
+        output = 1.0 if index == len(plant.ports) - 1 else laws.port_d[-1, index]
+        assert found.C[0, -1] == pytest.approx(2.0 * output)
+
+
+def test_the_walk_is_the_textbooks_augmented_kalman_filter() -> None:
+    """At the motor: innovations and likelihood by matrices that are made here."""
+    index = [port.name for port in LOAD.ports].index('motor')
+    inputs, measured = moved([], 0.8, 1)
+    inputs[:, 1] = 0.0                          # of which every interpolation is the same
+    start = MODEL.system.start(inputs[0], 0.0)
+    laws, walk, unit = LOAD.laws(VALUES), 3.0, 0.2
+    root = process_root(laws, T, np.array([NOISE.process.get(name, 0.0) for name in LOAD.states]))
+    seen = Suspect(MODEL, index, unit, inputs, measured, 0, start, root).run(walk)
+    n = LOAD.order
+    A = np.zeros((n + 3, n + 3))
+    A[:n] = np.hstack([laws.A, unit * laws.E[:, [index]], laws.B])
+    step = expm(A * T)
+    Phi, Gamma = step[:n + 1, :n + 1], step[:n + 1, n + 1:]
+    Q = block_diag(root @ root.T, walk ** 2 * T)
+    P = block_diag(np.diag([NOISE.start[name] for name in LOAD.states]) ** 2, 0.0)
+    x, C = np.append(start, 0.0), np.append(laws.C[0], unit * laws.port_d[-1, index])
+    expected = []
+    for k, y in enumerate(measured):
+        if k:
+            x, P = Phi @ x + Gamma @ inputs[k - 1], Phi @ P @ Phi.T + Q
+        variance = C @ P @ C + NOISE.measurement ** 2
+        innovation = y - C @ x - laws.D[0] @ inputs[k]
+        gain = P @ C / variance
+        x, P = x + gain * innovation, P - np.outer(gain, C @ P)
+        expected.append((innovation, variance))
+    e, v = np.array(expected).T
+    np.testing.assert_allclose(seen.innovation, e / np.sqrt(v), atol=1e-6)
+    assert seen.likelihood(50) == pytest.approx(-0.5 * np.sum((np.log(v) + e * e / v)[50:]))
+
+
+def test_integrated_coefficients_are_the_likelihood_of_correlated_noise() -> None:
+    """Against the density of a normal vector with that covariance, at some spreads."""
+    rng = np.random.default_rng(2)
+    S = rng.standard_normal((4, 40)) * [[1.0], [3.0], [3.0], [3.0]]
+    e = rng.standard_normal(40) + 2.0 * S[2]
+    gain, mean = integrated(S, np.append(e, math.nan)[:40])
+    white = multivariate_normal(np.zeros(40)).logpdf(e)
+    densities = [multivariate_normal(np.zeros(40), np.eye(40) + a * a * np.outer(S[0], S[0])
+                                     + b * b * S[1:].T @ S[1:]).logpdf(e) - white
+                 for a in np.geomspace(1e-3, 1e3, 60) for b in np.geomspace(1e-3, 1e3, 60)]
+    assert max(densities) - 1.0 < gain <= max(densities) + 0.01
+    assert mean == pytest.approx([0.0, 0.0, 2.0, 0.0], abs=0.2)
+
+
+def test_curves_and_loops_are_what_they_are_called() -> None:
+    signal = np.linspace(-2.0, 2.0, 401)
+    np.testing.assert_allclose(curve(signal).sum(axis=0), KNOTS * (signal + 2.0) / 4.0)
+    back = loops(np.concatenate([signal, signal[::-1]]))
+    for half, row in zip(LOOPS, back, strict=True):
+        assert row[400] == pytest.approx(1.0)               # it slides at its half width
+        turned = 401 + round(2.0 * half * 2.0 / 0.01)       # twice that to slide the other way
+        assert row[turned - 3] > -1.0
+        assert row[turned + 3] == pytest.approx(-1.0)
+
+
+def test_the_change_of_a_variance_is_found() -> None:
+    rng = np.random.default_rng(3)
+    innovation = rng.standard_normal(2000)
+    innovation[700:] *= 4.0
+    assert abs(change(innovation, 300, 1000) - 700) < 5
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize('effect', [
+    FRICTION,
+    ('stiffening', 'coupling', {'cubic': 3e3}),
+    ('leakage', 'leakage', {'flow': 4e-6, 'exponent': 0.5}),
+    ('lag', 'sensor', {'time_constant': 0.005}),
+], ids=lambda effect: effect[1])
+def test_the_port_of_an_effect_of_another_integrator_is_named(effect) -> None:
+    inputs, measured = moved([effect], 4.0, 4)
+    where = locate(MODEL, inputs, measured, 0, 0)
+    assert effect[1] in where.ports, where
+    assert len(where.ports) <= 2, where
+
+
+def test_what_the_model_explains_is_not_located() -> None:
+    inputs, measured = moved([], 4.0, 5)
+    measured[1000:1100] = math.nan
+    where = locate(MODEL, inputs, measured, 0, 0)
+    assert where.ports == ()
+    assert str(where) == 'is not located'
+
+
+def test_a_rise_waits_for_the_samples_of_the_fault_or_for_their_end(monkeypatch) -> None:
+    asked = []
+
+    def located(model, inputs, measured, first, last) -> Location:
+        asked.append((len(inputs), measured[first], measured[last]))
+        return Location(('motor',))
+
+    monkeypatch.setattr('hydro_twin.live.locate.locate', located)
+    locator, rise = Locator(MODEL), Rise(2000, 2500, 2500, 1.0, 0.5)     # a sample a nanosecond
+    assert locator.located() is None
+    locator.take(rise)
+    for k in range(2500 + SPAN + 1):
+        if k in (3000, 4000):
+            assert locator.located() is None        # too few of the fault, and more came
+            assert not locator.at_work
+        locator.add(k, np.zeros(2), float(k))
+    while (found := locator.located()) is None:
+        time.sleep(0.001)
+    assert found == replace(rise, location=Location(('motor',)))
+    assert asked == [(LEAD + EARLY + 500 + SPAN + 1, 2000 - EARLY, 2500)]
+    assert locator.located() is None                # once
+
+    locator.clear()
+    locator.take(rise)
+    for k in range(2500 + LEAST - 1):
+        locator.add(k, np.zeros(2), float(k))
+    assert locator.located() is None                # the first time, more may come
+    while (found := locator.located()) is None:
+        time.sleep(0.001)
+    assert found.location == Location()             # of so few samples
+    assert len(asked) == 1
+
+
+def test_of_a_fault_older_than_the_samples_the_last_are_taken(monkeypatch) -> None:
+    asked = []
+    monkeypatch.setattr('hydro_twin.live.locate.locate', lambda *args: asked.append(args))
+    locator = Locator(MODEL)
+    for k in range(2 * KEPT):
+        locator.add(k, np.zeros(2), float(k))
+    locator.take(Rise(100, 600, 2 * KEPT - 1, 1.0, 0.5))
+    while locator.located() is None:
+        time.sleep(0.001)
+    (_, inputs, measured, first, last), = asked
+    assert (len(inputs), measured[-1], first, last) == (SPAN, 2 * KEPT - 1, 0, 0)
+
+
+def test_event_and_diagnostics_carry_where_the_fault_enters(monkeypatch) -> None:
+    """A sound rig, then one that rubs, through the live twin as the node steps and judges it."""
+    announcer = pytest.importorskip('hydro_twin.ros.announcer')
+    inputs, measured = joined(34.0, 9.0)
+    twin = Twin('', Analytical(MODEL), 'observer')
+    rise = None
+    for k, (row, value) in enumerate(zip(inputs, measured.tolist(), strict=True)):
+        twin.step(k * 2_000_000, row, value)
+        if k % 500 == 0:
+            rise = twin.judge() or rise
+    while rise is None:
+        time.sleep(0.01)
+        rise = twin.judge()
+    assert rise.end > LEARN * 2_000_000
+    assert twin.monitor is not None
+    assert twin.monitor.rise == rise
+    published: list[str] = []
+    node = object.__new__(announcer.Announcer)
+    monkeypatch.setattr(node, '_event', type('Publisher', (), {
+        'publish': lambda _, message: published.append(message.data)})(), raising=False)
+    node.refit(twin, rise, ['/command'])
+    event = json.loads(published[0])
+    assert event['event'] == 'refit'
+    assert event['sign'] in ('level', 'colour')
+    assert 'motor' in event['location']['ports']
+    assert event['location']['gain'] > 100.0
+    assert event['location']['says'].startswith('enters at motor')
+    statuses = Diagnosis(Live(LOAD, SIGNALS, T, 0.1), [twin]).statuses(0, 1.0, {})
+    assert 'the fault enters at motor' in statuses[-1].message
+    assert statuses[-1].values['location'].startswith('motor')
