@@ -30,6 +30,7 @@ def line(kind, there, names, verdict='effect_found', ambiguous=(), certain=True)
     (line('none', [], ['bias']), 'wrong'),
     (line('outside', ['line'], ['ripple']), 'wrong'),
     (line('outside', ['resonance'], ['mode']), 'right'),
+    (line('outside', ['leak_drift'], ['drift']), 'right'),
     (line('outside', ['resonance'], ['delay']), 'wrong'),
     (line('outside', ['line'], ['mode']), 'wrong'),
     (line('pair', ['bias', 'delay'], ['delay', 'bias']), 'right'),
