@@ -3,6 +3,7 @@ from __future__ import annotations
 
 from collections import deque
 from dataclasses import replace
+import sys
 from threading import Thread
 
 import numpy as np
@@ -16,6 +17,9 @@ LEAD = 500      # samples before the fault, in which the observer finds the stat
 EARLY = 250     # of these, by how many a fault may set in before the batch in which it shows
 SPAN = 2500     # samples of the fault that are waited for: 5 s at 500 Hz, some strokes of a rig
 LEAST = 250     # samples of the fault without which nothing is located: a law has 17 unknowns
+# How often the thread gives way to the hot path [s]: a tenth of a sample at 500 Hz. By default
+# Python's threads take turns of 5 ms.
+YIELD = 0.0002
 KEPT = 2 * (LEAD + SPAN)        # newest samples: those of a rise, a batch of it and the wait
 
 
@@ -75,7 +79,16 @@ class Locator:
         return found
 
     def _locate(self, rise: Rise, samples: list[tuple[int, FloatArray, float]]) -> None:
-        """Find the location, for `located`."""
+        """Find the location, for `located`, and give way to the hot path meanwhile."""
+        usual = sys.getswitchinterval()
+        sys.setswitchinterval(YIELD)
+        try:
+            self._found = self._location(rise, samples)
+        finally:
+            sys.setswitchinterval(usual)
+
+    def _location(self, rise: Rise, samples: list[tuple[int, FloatArray, float]]) -> Location:
+        """Cut the stretch that a rise is about, and locate the fault in it."""
         # Imported when it is needed, since it compiles derivatives.
         from hydro_twin.live.locate import locate
 
@@ -87,7 +100,7 @@ class Locator:
         else:
             first, last = first - EARLY - begin, last - begin
         if len(samples) - begin - last < LEAST:
-            return
-        self._found = locate(self._model, np.array([inputs for _, inputs, _ in samples[begin:]]),
-                             np.array([measured for *_, measured in samples[begin:]]),
-                             int(first), int(last))
+            return Location()
+        return locate(self._model, np.array([inputs for _, inputs, _ in samples[begin:]]),
+                      np.array([measured for *_, measured in samples[begin:]]), int(first),
+                      int(last))

@@ -200,7 +200,8 @@ def test_a_rise_waits_for_the_samples_of_the_fault_or_for_their_end(monkeypatch)
 
 def test_of_a_fault_older_than_the_samples_the_last_are_taken(monkeypatch) -> None:
     asked = []
-    monkeypatch.setattr('hydro_twin.live.locate.locate', lambda *args: asked.append(args))
+    monkeypatch.setattr('hydro_twin.live.locate.locate',
+                        lambda *args: asked.append(args) or Location())
     locator = Locator(MODEL)
     for k in range(2 * KEPT):
         locator.add(k, np.zeros(2), float(k))
