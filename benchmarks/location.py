@@ -8,7 +8,7 @@ that the model lacks, strong enough to move the output by twice to eight times t
 motion is that of the integrator of `simulate`. The model knows the parameters; its noise is
 estimated on the sound rig. The live twin watches in mode `observer`, judged once a second, as in
 the node. A name is right if the port is among those named, at most two. --hard has effects that a
-sensor of the torque alone hardly tells from others.
+sensor of the torque alone hardly distinguishes from others.
 """
 from __future__ import annotations
 
@@ -177,8 +177,9 @@ def recorded(rig: Rig) -> tuple[Model, Series, str, str, float]:
 def watched(rig: Rig) -> Outcome:
     """Have the live twin watch a rig until it says where the fault is."""
     model, series, port, effect, ratio = recorded(rig)
-    twin = Twin('', Analytical(model), 'observer')
-    moved, measured = twin.predictor.inputs(series), series['T_g'].tolist()   # type: ignore
+    predictor = Analytical(model)
+    twin = Twin('', predictor, 'observer')
+    moved, measured = predictor.inputs(series), series['T_g'].tolist()
     second = round(1.0 / T)
     for k in range(len(series)):
         twin.step(round(1e9 * k * T), moved[k], measured[k])
@@ -217,7 +218,7 @@ def main() -> None:
     """Watch the rigs."""
     parser = argparse.ArgumentParser(description=(__doc__ or '').splitlines()[0])
     parser.add_argument('--hard', action='store_true',
-                        help='effects that the torque hardly tells from others')
+                        help='effects that the torque hardly distinguishes from others')
     parser.add_argument('--seed', type=int, default=FIRST_SEED, help='of the first rig')
     parser.add_argument('--turns', type=int, default=2, help='rigs for each effect')
     args = parser.parse_args()

@@ -10,6 +10,7 @@ from __future__ import annotations
 import argparse
 from collections.abc import Sequence
 from dataclasses import dataclass
+from itertools import pairwise
 from pathlib import Path
 
 import matplotlib.pyplot as plt
@@ -38,8 +39,17 @@ class Statement:
 
 @dataclass(frozen=True)
 class Group:
-    """Statements of about one probability: how many, the mean stated, the share that is true."""
+    """Statements of about one probability.
 
+    Attributes:
+        low, high: between which it is.
+        count: how many.
+        stated: their mean probability.
+        true: share of them that is so.
+    """
+
+    low: float
+    high: float
     count: int
     stated: float
     true: float
@@ -75,10 +85,10 @@ def groups(some: Sequence[Statement]) -> list[Group]:
     """Group statements by their probability."""
     index = np.digitize([one.stated for one in some], EDGES[1:-1])
     found = []
-    for k in range(len(EDGES) - 1):
+    for k, (low, high) in enumerate(pairwise(EDGES)):
         here = [one for one, at in zip(some, index, strict=True) if at == k]
         if here:
-            found.append(Group(len(here), float(np.mean([one.stated for one in here])),
+            found.append(Group(low, high, len(here), float(np.mean([one.stated for one in here])),
                                float(np.mean([one.true for one in here]))))
     return found
 
@@ -93,9 +103,8 @@ def report(lines: Sequence[Line]) -> str:
     some = statements(lines)
     effects = [one for one in some if one.what == 'effect']
     rows = ['| an effect, stated | mean stated | right | of |', '|---|---|---|---|']
-    rows += [f'| {EDGES[k]:g} to {EDGES[k + 1]:g} | {group.stated:.3f} | {group.true:.3f} '
-             f'| {group.count} |' for group in groups(effects)
-             for k in [int(np.digitize(group.stated, EDGES[1:-1]))]]
+    rows += [f'| {group.low:g} to {group.high:g} | {group.stated:.3f} | {group.true:.3f} '
+             f'| {group.count} |' for group in groups(effects)]
     if effects:
         error, of_all = calibration_error(effects), calibration_error(some)
         rows += ['', f'Expected calibration error, effects: {error:.3f}; all: {of_all:.3f}', '']

@@ -9,8 +9,8 @@ class Location:
     """The ports at which an unknown input explains an innovation.
 
     Attributes:
-        ports: their names, the likeliest first; more than one where they cannot be told apart,
-            none where no port explains it.
+        ports: their names, the likeliest first; more than one where the data do not distinguish
+            them, none where no port explains it.
         meaning: of the first.
         gain: by how much it is likelier than the model as it is [nat].
         others: next ports, with how much less likely each is than the first [nat].

@@ -87,7 +87,7 @@ class Twin:
 
     @property
     def locating(self) -> bool:
-        """Whether it is being found where a fault enters, so that `judge` will tell."""
+        """Whether it is being found where a fault enters, which `judge` will return."""
         return self._locator is not None and self._locator.at_work
 
     @property

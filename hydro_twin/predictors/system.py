@@ -212,16 +212,16 @@ def assemble(plant: Plant, values: Mapping[str, float], effects: Sequence[Placed
         return _assemble(plant, drifted(values, effects, time), effects,
                          sample_time or plant.sample_time, substeps, shift, time)
 
-    spans = [span for placed in effects if placed.effect.course is not None
-             for span in [placed.effect.course.span(placed.values)]]
-    if not spans:
+    courses = [(course, placed.values) for placed in effects
+               if (course := placed.effect.course) is not None]
+    if not courses:
         return at(math.inf)
-    change = sum(abs(math.log(placed.effect.course.factor(placed.values, begin)))
-                 for placed in effects if placed.effect.course is not None
-                 for begin, _ in [placed.effect.course.span(placed.values)])
+    begins, ends = zip(*(course.span(drift) for course, drift in courses), strict=True)
+    change = sum(abs(math.log(course.factor(drift, begin)))
+                 for (course, drift), begin in zip(courses, begins, strict=True))
     # A power of two, so that the number seldom changes while a rate is searched.
     stages = min(STAGES, 2 ** max(0, math.ceil(math.log2(max(change, STAGE) / STAGE))))
-    edges = np.linspace(min(begin for begin, _ in spans), max(end for _, end in spans), stages + 1)
+    edges = np.linspace(min(begins), max(ends), stages + 1)
     earlier = tuple((round(1e9 * end), at(0.5 * (begin + end)))
                     for begin, end in pairwise(edges.tolist()))
     return replace(at(math.inf), earlier=earlier)

@@ -3,7 +3,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 
-from hydro_twin.effects import EFFECTS, Span
+from hydro_twin.effects import EFFECTS, Placed, Span
 from hydro_twin.plants import Plant, Port
 from hydro_twin.residual.evidence import Evidence
 from hydro_twin.residual.findings import Finding
@@ -58,9 +58,7 @@ def _judge(found: Evidence, finding: Finding, reach: Mapping[Port, Span]) -> Nam
         finding.index, placed, finding.p_value, finding.share, settled,
         probability=(1.0 - chance(finding.p_value)) * (1.0 - unknown(settled))
         * among[placed.effect.id],
-        ports=shares({placed.port.name: 0.0, **dict.fromkeys(other_ports, 0.0), **{
-            rival.port.name: distance for rival, distance in reversed(finding.rivals)
-            if rival.effect.id == placed.effect.id}}, samples),
+        ports=shares(_by_port(finding, placed, other_ports), samples),
         other_ports=other_ports, rivals=rivals)
 
 
@@ -78,6 +76,17 @@ def _alike(plant: Plant, winner: str, ports: tuple[str, ...], reach: Mapping[Por
     if plant.integrates and winner in dynamics:
         alike += sorted({*dynamics} - {winner})
     return alike
+
+
+def _by_port(finding: Finding, placed: Placed, alike: tuple[str, ...]) -> dict[str, float]:
+    """Ports of an effect with their distance, its own first; those alike at no distance."""
+    nearest = {placed.port.name: 0.0}
+    for rival, distance in finding.rivals:
+        if rival.effect.id == placed.effect.id:
+            nearest.setdefault(rival.port.name, distance)
+    for name in alike:
+        nearest.setdefault(name, 0.0)
+    return nearest
 
 
 def _by_id(finding: Finding, winner: str, alike: list[str]) -> tuple[tuple[str, float], ...]:
