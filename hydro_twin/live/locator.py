@@ -16,6 +16,7 @@ from hydro_twin.plants.plant import FloatArray
 LEAD = 500      # samples before the fault, in which the observer finds the states: 1 s at 500 Hz
 EARLY = 250     # of these, by how many a fault may set in before the batch in which it shows
 SPAN = 2500     # samples of the fault that are waited for: 5 s at 500 Hz, some strokes of a rig
+HELD_BACK = 10.0    # longest that an event waits for them [s]: a slow plant has fewer samples
 LEAST = 250     # samples of the fault without which nothing is located: a law has 17 unknowns
 # How often the thread gives way to the hot path [s]: a tenth of a sample at 500 Hz. By default
 # Python's threads take turns of 5 ms.
@@ -59,7 +60,7 @@ class Locator:
     def located(self) -> Rise | None:
         """Return the rise with its location once that is found; to be asked now and then.
 
-        It waits for `SPAN` samples of the fault, or until no more come.
+        It waits for `SPAN` samples of the fault, or `HELD_BACK`, or until no more come.
         """
         if self._rise is None:
             return None
@@ -67,7 +68,8 @@ class Locator:
             samples = list(self._samples)           # at once: the other thread cannot interrupt
             newest = samples[-1][0] if samples else 0
             settled = self._rise.settled
-            if sum(stamp > settled for stamp, *_ in samples) < SPAN and newest != self._newest:
+            if (sum(stamp > settled for stamp, *_ in samples) < SPAN and newest != self._newest
+                    and newest - settled < 1e9 * HELD_BACK):
                 self._newest = newest
                 return None
             self._thread = Thread(target=self._locate, args=(self._rise, samples), daemon=True)

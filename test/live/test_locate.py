@@ -16,7 +16,7 @@ from hydro_twin.live.diagnostics import Diagnosis
 from hydro_twin.live.live import Live
 from hydro_twin.live.locate import change, integrated, locate
 from hydro_twin.live.location import Location
-from hydro_twin.live.locator import EARLY, KEPT, LEAD, LEAST, Locator, SPAN
+from hydro_twin.live.locator import EARLY, HELD_BACK, KEPT, LEAD, LEAST, Locator, SPAN
 from hydro_twin.live.monitor import LEARN, Rise
 from hydro_twin.live.signatures import curve, KNOTS, LOOPS, loops
 from hydro_twin.live.twin import Twin
@@ -196,6 +196,25 @@ def test_a_rise_waits_for_the_samples_of_the_fault_or_for_their_end(monkeypatch)
         time.sleep(0.001)
     assert found.location == Location()             # of so few samples
     assert len(asked) == 1
+
+
+def test_of_a_slow_plant_the_event_is_not_held_back_for_the_samples() -> None:
+    """At 1 Hz they would take three quarters of an hour."""
+    second = 10 ** 9
+    locator = Locator(MODEL)
+    locator.take(Rise(2000 * second, 2010 * second, 2010 * second, 1.0, 0.5))
+    waited = 0
+    for k in range(2000 + SPAN):
+        locator.add(k * second, np.zeros(2), float(k))
+        if k < 2010:
+            continue
+        waited = k - 2010
+        if locator.located() is not None or locator.at_work:
+            break
+    assert 1 <= waited <= HELD_BACK
+    while (found := locator.located()) is None and locator.at_work:
+        time.sleep(0.001)
+    assert found is None or found.location == Location()
 
 
 def test_of_a_fault_older_than_the_samples_the_last_are_taken(monkeypatch) -> None:
