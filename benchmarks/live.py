@@ -12,6 +12,7 @@ from __future__ import annotations
 import argparse
 from collections.abc import Iterator, Sequence
 import contextlib
+from dataclasses import replace
 import json
 import os
 from pathlib import Path
@@ -38,7 +39,7 @@ from hydro_twin.live.models import Choice, load_twin
 from hydro_twin.live.outlet import Outlet
 from hydro_twin.live.reader import Reader
 from hydro_twin.live.writer import Writer
-from hydro_twin.model import Model, place, Record, write_model
+from hydro_twin.model import Model, Noise, place, read_model, Record, write_model
 from hydro_twin.plants import plant_named
 from hydro_twin.predictors.network import Network, save_network
 from hydro_twin.recording.signals import load_signals, SignalMap
@@ -81,6 +82,17 @@ def make_models(folder: Path) -> dict[str, Path]:
         write_model(Model(PLANT, values, 0.002, record=Record(errors=promises), **more),
                     paths[name])
     return paths
+
+
+def observed(path: Path) -> Path:
+    """Write a model once more with its noise, for the observer."""
+    model = read_model(path)
+    record = replace(model.record, errors={'after': {'observer': {'test': 1.0}}})
+    noise = Noise(0.5, {'x_v': 1e-8, 'p_L': 1e3, 'omega_j': 1e-2},
+                  {'x_v': 1e-6, 'p_L': 1e5, 'omega_j': 0.1, 'theta_j': 1e-3})
+    there = path.with_name(f'observed_{path.name}')
+    write_model(replace(model, noise=noise, record=record), there)
+    return there
 
 
 @contextlib.contextmanager
@@ -215,11 +227,14 @@ def main() -> None:
         # (name, rate, command line); several turns, so that each meets the machine's moods
         cases = [('bare', args.rate, [__file__, '--bare'])] + [
             (name, args.rate, twin(path)) for name, path in models.items()]
+        observer = twin(observed(models['two effects']), '-p', 'mode:=observer')
+        cases.append(('two effects, observer', args.rate, observer))
         cases = cases * args.repeat
         cases.append(('eight twins', args.rate, twin(linear, '-p', f'models:={eight}')))
         cases.append(('swapped', args.rate, twin(linear)))
         for rate in args.rates:
-            cases += [('bare', rate, [__file__, '--bare']), ('linear', rate, twin(linear))]
+            cases += [('bare', rate, [__file__, '--bare']), ('linear', rate, twin(linear)),
+                      ('two effects, observer', rate, observer)]
         found: dict[tuple[str, float], list[dict[str, float]]] = {}
         for name, rate, command in cases:
             if args.only and name not in args.only:

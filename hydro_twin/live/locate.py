@@ -1,10 +1,10 @@
 """Where a fault enters: the port at which an unknown input best explains the innovation.
 
 At each port the observer is given an unknown input: a random walk, and beside it a law of what
-passes there (a curve or a hysteresis) whose coefficients are unknown and normal. The innovation
-of the observer with the walk depends on the coefficients linearly, as in the generalised
-likelihood ratio test [Willsky and Jones 1976]; here they are integrated out, and the likelihood
-is maximised by the intensities of walk and law alone.
+passes there (a curve, a hysteresis or a lag) whose coefficients are unknown and normal. The
+innovation of the observer with the walk depends on the coefficients linearly, as in the
+generalised likelihood ratio test [Willsky and Jones 1976]; here they are integrated out, and the
+likelihood is maximised by the intensities of walk and law alone.
 """
 from __future__ import annotations
 
@@ -106,24 +106,20 @@ def _explanations(suspect: Suspect, walk: float, before: _Explanation | None = N
         before: only the law of this, which says what passes at the port; all if not given.
     """
     onset, plain = suspect.onset, suspect.run(walk, passing=True)
-    counted = slice(max(onset, suspect.model.start_up), None)
+    begin = max(onset, suspect.model.start_up)
     passing = (suspect.run(walk, before.added, True) if before else plain).passing[onset:]
     ports, index = suspect.model.plant.ports, suspect.index
     at = len(ports) + sum(len(port.signals) for port in ports[:index])
     laws = signatures(ports[index], passing[:, index],
                       passing[:, at:at + len(ports[index].signals)])
 
-    def response(given: FloatArray | float) -> FloatArray:
-        """Say how the innovation falls where that is given, over the samples that count."""
-        return (plain.innovation - suspect.run(walk, given).innovation)[counted]
-
-    constant, found = response(1.0), []
+    found = []
     for law, rows in laws.items():
         if before and law != before.law:
             continue
-        gain, coefficients = integrated(np.array([constant, *map(response, rows)]),
-                                        plain.innovation[counted])
-        found.append(_Explanation(suspect, law, walk, plain.likelihood(counted.start) + gain,
+        responses = suspect.responses(plain, np.vstack([np.ones(rows.shape[1]), rows]))
+        gain, coefficients = integrated(responses[:, begin - onset:], plain.innovation[begin:])
+        found.append(_Explanation(suspect, law, walk, plain.likelihood(begin) + gain,
                                   coefficients[0] + coefficients[1:] @ rows))
     return found
 
@@ -187,4 +183,4 @@ def _verdict(model: Model, found: Sequence[_Explanation], plain: float) -> Locat
     behind = {name: best.gain - one.gain for name, one in names.items()}
     named = tuple(name for name, less in behind.items() if less < -math.log(DOUBT))
     return Location(named, model.plant.ports[best.suspect.index].meaning, best.gain - plain,
-                    tuple((name, less) for name, less in behind.items() if name not in named))
+                    tuple(behind.items())[1:])

@@ -13,7 +13,7 @@ class Location:
             them, none where no port explains it.
         meaning: of the first.
         gain: by how much it is likelier than the model as it is [nat].
-        others: next ports, with how much less likely each is than the first [nat].
+        others: all ports but the first, with how much less likely each is than that [nat].
     """
 
     ports: tuple[str, ...] = ()

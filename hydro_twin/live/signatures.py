@@ -2,15 +2,19 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+import math
 
 import numpy as np
+from scipy.signal import lfilter
 
 from hydro_twin.plants import Port
 from hydro_twin.plants.plant import FloatArray
 
 KNOTS = 16          # intervals of a curve: with 8, the gap of a play falls between two knots
 # Half widths of loops, in shares of half the range: from hardly a loop to the half of it.
-LOOPS = (0.03, 0.06, 0.12, 0.25, 0.5)
+LOOPS = tuple(0.03 * 2.0 ** (0.5 * k) for k in range(9))
+# Time constants [samples]: below, a lag is a rate of change; above, the walk follows it.
+LAGS = (1.0, 2.0, 4.0, 8.0, 16.0, 32.0)
 
 
 def signatures(port: Port, value: FloatArray, signals: FloatArray) -> Mapping[str, FloatArray]:
@@ -23,11 +27,12 @@ def signatures(port: Port, value: FloatArray, signals: FloatArray) -> Mapping[st
 
     Returns:
         By what the law depends on, the signatures whose sum, each times a coefficient, it is,
-        (how many, N): curves over the value, its rate of change and the signals, and loops.
+        (how many, N): curves over the value, its rate of change and the signals, loops, and lags.
     """
     read = {'value': value, 'rate': np.diff(value, prepend=value[0]),
             **dict(zip(port.signals, signals.T, strict=True))}
-    return {**{name: curve(signal) for name, signal in read.items()}, 'loop': loops(value)}
+    return {**{name: curve(signal) for name, signal in read.items()}, 'loop': loops(value),
+            'lag': lags(value)}
 
 
 def curve(signal: FloatArray) -> FloatArray:
@@ -57,6 +62,21 @@ def loops(signal: FloatArray) -> FloatArray:
     half = np.array(LOOPS) * 0.5 * float(np.ptp(signal))
     held, out = np.zeros(len(half)), np.empty((len(signal), len(half)))
     for k, step in enumerate(np.diff(signal, prepend=signal[0]).tolist()):
-        held = np.clip(held + step, -half, half)
+        held = np.minimum(np.maximum(held + step, -half), half)
         out[k] = held
     return out.T / np.maximum(half, np.finfo(float).tiny)[:, None]
+
+
+def lags(signal: FloatArray) -> FloatArray:
+    """Say how far a signal is ahead of itself behind lags of first order: sums are dynamics.
+
+    Args:
+        signal: (N,).
+
+    Returns:
+        (as many as `LAGS`, N), in units of half the range of the signal.
+    """
+    size = max(0.5 * float(np.ptp(signal)), np.finfo(float).tiny)
+    kept = [math.exp(-1.0 / lag) for lag in LAGS]
+    behind = [lfilter([1.0 - a], [1.0, -a], signal, zi=[a * signal[0]])[0] for a in kept]
+    return (np.array(behind) - signal) / size

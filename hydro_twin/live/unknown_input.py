@@ -14,6 +14,7 @@ import numpy as np
 from hydro_twin.model import Model
 from hydro_twin.plants import Plant
 from hydro_twin.plants.plant import FloatArray, Signal
+from hydro_twin.predictors.fixed_gains import run_with_gains
 from hydro_twin.predictors.observer import Observation, Observer
 
 UNKNOWN = 'unknown_input'   # the name of the state that walks at random, and of the input
@@ -22,7 +23,8 @@ UNKNOWN = 'unknown_input'   # the name of the state that walks at random, and of
 def with_unknown_input(plant: Plant, index: int, unit: float) -> Plant:
     """Add to what reaches a port a state that stays as it is and an input, both in a unit.
 
-    Noise on the rate of the state makes it a random walk.
+    Noise on the rate of the state makes it a random walk. Where nothing but held commands reaches
+    the port, so does nothing but held values of the input.
 
     Args:
         plant: the plant.
@@ -43,8 +45,12 @@ def with_unknown_input(plant: Plant, index: int, unit: float) -> Plant:
 
         return {**plant.equations(p, x, u, Through()), UNKNOWN: 0.0 * walk}
 
+    laws = plant.laws(plant.constant_values() | plant.middle())
+    held = not laws.port_x[index].any() and all(
+        signal.held for signal, share in zip(plant.inputs, laws.port_u[index], strict=True)
+        if share)
     return replace(plant, states=(*plant.states, UNKNOWN), equations=equations,
-                   inputs=(*plant.inputs, Signal(UNKNOWN, 'unknown input', '')))
+                   inputs=(*plant.inputs, Signal(UNKNOWN, 'unknown input', '', held)))
 
 
 @dataclass(frozen=True)
@@ -56,11 +62,13 @@ class Seen:
         variance: of the innovation, in the unit of the output squared, (N,).
         passing: what reached the ports, then the signals there, as estimated from all
             measurements before the sample, (N, P + S); empty where that was not wanted.
+        gains: of state and memory, (N, n + memory).
     """
 
     innovation: FloatArray
     variance: FloatArray
     passing: FloatArray
+    gains: FloatArray
 
     def likelihood(self, begin: int) -> float:
         """Sum the logarithm of the likelihood from a sample on [nat], up to a constant."""
@@ -87,15 +95,16 @@ def observe(observer: Observer, start: FloatArray, inputs: FloatArray, measured:
     observation = Observation(observer, start.copy(), np.zeros(system.memory))
     results = np.empty((len(inputs), 2))
     estimates = np.empty((0 if shown is None else len(inputs), 2, len(observer.filter.shown)))
+    gains = np.zeros((len(inputs), n + system.memory))
     observation.advance(len(observer.stages) - 1, inputs, measured, 0, len(inputs), results,
-                        estimates)
+                        estimates, gains)
     passing = estimates[:, 0]
     if shown is not None:
         # What is known after a sample depends on its noise, and so would explain it: go on from
         # the two before in a straight line.
         passing = (np.vstack([passing[:1], passing[:1], 2.0 * passing[1:-1] - passing[:-2]])
                    + inputs @ shown[:, n:n + m].T)
-    return Seen((measured - results[:, 0]) / np.sqrt(results[:, 1]), results[:, 1], passing)
+    return Seen((measured - results[:, 0]) / np.sqrt(results[:, 1]), results[:, 1], passing, gains)
 
 
 @dataclass(frozen=True)
@@ -152,6 +161,32 @@ class Suspect:
         return observe(observer, np.append(self.start, 0.0),
                        np.column_stack([self.inputs, column]), self.measured,
                        shown if passing else None)
+
+    def responses(self, seen: Seen, given: FloatArray) -> FloatArray:
+        """Say how much smaller the innovation is where an unknown input is given.
+
+        The gains stay as they are: what is given is known, and adds no uncertainty.
+
+        Args:
+            seen: by the observer without it.
+            given: several inputs from the onset on, in units, (J, N - onset).
+
+        Returns:
+            Of each, over the standard deviation, (J, N - onset).
+        """
+        system, onset = self.observer.system, self.onset
+        inputs = np.column_stack([self.inputs, np.zeros(len(self.inputs))])
+        x, z, y = np.append(self.start, 0.0), np.zeros(system.memory), np.empty(len(inputs))
+        found = np.empty((1 + len(given), len(inputs) - onset))
+        step, work = system.stages[-1].step, system.work()
+        run_with_gains(step, x, z, work, inputs, self.measured, seen.gains, y, 0, onset)
+        for row, out in zip([np.zeros(found.shape[1]), *given], found, strict=True):
+            inputs[onset:, -1] = row
+            run_with_gains(step, x.copy(), z.copy(), work, inputs, self.measured, seen.gains, y,
+                           onset, len(inputs))
+            out[:] = y[onset:]
+        responses: FloatArray = (found[1:] - found[0]) / np.sqrt(seen.variance[onset:])
+        return responses
 
 
 def reach(model: Model, index: int, inputs: FloatArray, start: FloatArray, probe: float) -> float:

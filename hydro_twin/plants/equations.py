@@ -80,17 +80,18 @@ def rows_of(equations: Equations, values: Mapping[str, float], states: Sequence[
 
     Args:
         equations: as a plant defines them.
-        values: parameters and constants by name.
+        values: parameters and constants by name; for K plants at once, of shape (K, 1).
         states: names of the n states.
         inputs: names of the m inputs.
         ports: names of the P ports.
         signals: names of the signals at each port, S in all.
-        sensors: names of the K sensors beside the output.
+        sensors: names of the sensors beside the output.
 
     Returns:
         Coefficients of the states' rates, shape (n, n + m + P); of the ports' values, each
         without what effects add at the port itself, (P, n + m + P); of the signals there,
-        (S, n + m + P); of what the sensors read, (K, n + m + P).
+        (S, n + m + P); of what the sensors read, (sensors, n + m + P). For K plants with K in
+        front.
 
     Raises:
         ModelError: the equations do not give these rates, ports, signals and sensors.
@@ -108,9 +109,21 @@ def rows_of(equations: Equations, values: Mapping[str, float], states: Sequence[
     if passed.sensors.keys() != set(sensors):
         raise ModelError(f'the equations give the sensors {", ".join(passed.sensors)}; declared '
                          f'are {", ".join(sensors)}')
-    return (np.array([rates[name] for name in states]), np.array(passed.values),
-            np.array(passed.signals).reshape(-1, len(unit)),
-            np.array([passed.sensors[name] for name in sensors]).reshape(-1, len(unit)))
+    of_states, of_sensors = [rates[name] for name in states], [
+        passed.sensors[name] for name in sensors]
+    shape = np.broadcast_shapes(*(row.shape for row in [
+        *of_states, *passed.values, *passed.signals, *of_sensors]))
+    return (_stacked(of_states, shape), _stacked(passed.values, shape),
+            _stacked(passed.signals, shape), _stacked(of_sensors, shape))
+
+
+def _stacked(rows: Sequence[Linear], shape: tuple[int, ...]) -> Linear:
+    """Put rows one above the other, (..., rows, width)."""
+    stacked: Linear = np.zeros((*shape[:-1], len(rows), shape[-1]),
+                               np.result_type(float, *rows))
+    for k, row in enumerate(rows):
+        stacked[..., k, :] = row
+    return stacked
 
 
 def rates_at(equations: Equations, values: Mapping[str, float], states: Mapping[str, float],

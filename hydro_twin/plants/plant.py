@@ -198,7 +198,8 @@ class Plant:
         """Write the equations as matrices.
 
         Args:
-            values: parameters and constants by name.
+            values: parameters and constants by name; for K sets of them at once, those that
+                differ of shape (K, 1), and every matrix has K in front.
 
         Raises:
             ModelError: the equations do not fit the states and ports declared.
@@ -209,7 +210,7 @@ class Plant:
                        [tuple(port.signals) for port in self.ports],
                        [sensor.name for sensor in self.sensors])
         return Laws(*(block for matrix in rows
-                      for block in (matrix[:, :n], matrix[:, n:n + m], matrix[:, n + m:])))
+                      for block in (matrix[..., :n], matrix[..., n:n + m], matrix[..., n + m:])))
 
     def middle(self) -> dict[str, float]:
         """Return the value of each parameter in the middle of its search box, a geometric mean."""

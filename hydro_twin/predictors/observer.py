@@ -31,6 +31,7 @@ if TYPE_CHECKING:
 # A predicted output this many times as uncertain as the plant's largest says nothing any more: the
 # covariance begins anew. It bounds what grows while nothing is measured.
 USELESS = 1e3
+UNWANTED = np.empty((0, 0))
 
 
 class Filter(NamedTuple):
@@ -128,12 +129,13 @@ def show(shown, S, x, z, q, u, d, v, estimate):  # type: ignore[no-untyped-def]
 @compiled
 def run(  # type: ignore[no-untyped-def]
         step, tangent, filter_, scratch, slow, x, z, inputs, measured, begin, end, results,
-        estimates):
+        estimates, gains):
     """Predict each sample from begin to end, and take in what is measured there, if anything.
 
     Moves x, z, the parameters that are followed, and the root of their covariance. results (M, 2)
     gets the prediction and the variance of the innovation; estimates (M, 2, R), if not empty, what
-    is known after the measurement, and its standard deviation. A run that diverges is left at nan
+    is known after the measurement, and its standard deviation; gains (M, n + memory), if not
+    empty, by how much of the innovation state and memory moved. A run that diverges is left at nan
     from there on. Returns the sample after the last one done: it ends early where a parameter has
     moved so far that the matrices must be made anew.
     """
@@ -190,6 +192,8 @@ def run(  # type: ignore[no-untyped-def]
                                slow.high[c])
                 for j in range(N):
                     S[i, j] -= shrink * covariance * slope[j]
+                if len(gains) > 0 and i < n + w:
+                    gains[k, i] = covariance / variance
         if len(estimates) > 0:
             show(filter_.shown, S, x, z, q, work[1, :m], work[5, :P], v, estimates[k])
         for i in range(len(q)):
@@ -215,12 +219,12 @@ class Observation:
             self.stages = (observer.followed.stage(self.slow, observer.columns),)
 
     def advance(self, stage: int, inputs: FloatArray, measured: FloatArray, first: int, last: int,
-                results: FloatArray, estimates: FloatArray) -> None:
+                results: FloatArray, estimates: FloatArray, gains: FloatArray = UNWANTED) -> None:
         """Do the samples from first to last, in a stage of the system; see `run`."""
         while first < last:
             first = run(*self.stages[min(stage, len(self.stages) - 1)], self.observer.filter,
                         self.scratch, self.slow, self.x, self.z, inputs, measured, first, last,
-                        results, estimates)
+                        results, estimates, gains)
             followed = self.observer.followed
             if followed and (np.abs(self.slow.now - self.slow.at) > self.slow.far).any():
                 self.stages = (followed.stage(self.slow, self.observer.columns),)

@@ -181,18 +181,19 @@ def discretise(laws: Laws, h: float) -> FloatArray:
     """Integrate x' = A x + V v exactly over a step in which v = [u, d] moves in a straight line.
 
     Returns:
-        [Phi | inputs at start | at end | d at start | d at end], shape (n, n + 2m + 2P).
+        [Phi | inputs at start | at end | d at start | d at end], shape (..., n, n + 2m + 2P), with
+        in front what the laws have in front.
     """
-    n, m = laws.B.shape
-    block = np.zeros((3 * n, 3 * n), dtype=laws.A.dtype)
-    block[:n, :n] = laws.A * h
-    block[:n, n:2 * n] = block[n:2 * n, 2 * n:] = np.eye(n)
+    *several, n, m = laws.B.shape
+    block = np.zeros((*several, 3 * n, 3 * n), dtype=laws.A.dtype)
+    block[..., :n, :n] = laws.A * h
+    block[..., :n, n:2 * n] = block[..., n:2 * n, 2 * n:] = np.eye(n)
     exponential = expm(block)
-    Phi, whole, late = (exponential[:n, k * n:(k + 1) * n] for k in range(3))
-    V = np.hstack([laws.B, laws.E]) * h
+    Phi, whole, late = (exponential[..., :n, k * n:(k + 1) * n] for k in range(3))
+    V = np.concatenate([laws.B, laws.E], axis=-1) * h
     end, begin = late @ V, (whole - late) @ V
-    return np.ascontiguousarray(
-        np.hstack([Phi, begin[:, :m], end[:, :m], begin[:, m:], end[:, m:]]))
+    return np.ascontiguousarray(np.concatenate(
+        [Phi, begin[..., :m], end[..., :m], begin[..., m:], end[..., m:]], axis=-1))
 
 
 def assemble(plant: Plant, values: Mapping[str, float], effects: Sequence[Placed] = (),
@@ -278,11 +279,11 @@ def _assemble(plant: Plant, values: Mapping[str, float], effects: Sequence[Place
 
 
 def port_rows(laws: Laws) -> FloatArray:
-    """Stack the rows of ports' values, of signals there and of sensors, (P + S + R, n + m + P)."""
-    return np.ascontiguousarray(np.vstack([
-        np.hstack([laws.port_x, laws.port_u, laws.port_d]),
-        np.hstack([laws.signal_x, laws.signal_u, laws.signal_d]),
-        np.hstack([laws.sensor_x, laws.sensor_u, laws.sensor_d])]))
+    """Stack the rows of ports' values, of signals and of sensors, (..., P + S + R, n + m + P)."""
+    return np.ascontiguousarray(np.concatenate([
+        np.concatenate(rows, axis=-1) for rows in (
+            [laws.port_x, laws.port_u, laws.port_d], [laws.signal_x, laws.signal_u, laws.signal_d],
+            [laws.sensor_x, laws.sensor_u, laws.sensor_d])], axis=-2))
 
 
 def signal_row(plant: Plant, placed: Placed, name: str) -> int:

@@ -77,14 +77,19 @@ Moves = Mapping[str, FloatArray]        # parameter -> derivative of [M; H], pad
 
 def moves_of(system: System, names: Iterable[str]) -> Moves:
     """Differentiate M and H, one above the other, by parameters, each in its own unit."""
-    step, found = system.step, {}
-    for name in names:
-        unit = COMPLEX_STEP * system.values[name]
-        beside: Mapping[str, Any] = {**system.values, name: system.values[name] + 1j * unit}
-        laws = system.plant.laws(beside)
-        M, H = discretise(laws, step.sample_time / step.substeps), port_rows(laws)
-        found[name] = np.vstack([M, np.pad(H, ((0, 0), (0, M.shape[1] - H.shape[1])))]).imag / unit
-    return found
+    step, every = system.step, list(names)
+    if not every:
+        return {}
+    units = COMPLEX_STEP * np.array([system.values[name] for name in every])
+    beside: Mapping[str, Any] = {**system.values, **{
+        name: system.values[name] + 1j * (units * row)[:, None]
+        for name, row in zip(every, np.eye(len(every)), strict=True)}}
+    laws = system.plant.laws(beside)
+    M, H = discretise(laws, step.sample_time / step.substeps), port_rows(laws)
+    found = np.zeros((len(every), M.shape[1] + H.shape[1], M.shape[2]))
+    found[:, :M.shape[1]] = M.imag
+    found[:, M.shape[1]:, :H.shape[2]] = H.imag
+    return dict(zip(every, found / units[:, None, None], strict=True))
 
 
 def tangents_of(system: System, by: Callable[[System], Directions]) -> list[Tangent]:

@@ -18,7 +18,7 @@ from hydro_twin.live.locate import change, integrated, locate
 from hydro_twin.live.location import Location
 from hydro_twin.live.locator import EARLY, HELD_BACK, KEPT, LEAD, LEAST, Locator, SPAN
 from hydro_twin.live.monitor import LEARN, Rise
-from hydro_twin.live.signatures import curve, KNOTS, LOOPS, loops
+from hydro_twin.live.signatures import curve, KNOTS, LAGS, lags, LOOPS, loops
 from hydro_twin.live.twin import Twin
 from hydro_twin.live.unknown_input import Suspect, with_unknown_input
 from hydro_twin.model import Model, Noise, place
@@ -80,6 +80,35 @@ def test_an_unknown_input_enters_as_what_an_effect_adds(plant) -> None:
         assert found.C[0, -1] == pytest.approx(2.0 * output)
 
 
+def test_an_unknown_input_at_the_command_is_held_as_that_is() -> None:
+    """There it does what as much more of the command does; a measured angle is interpolated."""
+    inputs, _ = moved([], 0.8, 1)
+    given = np.random.default_rng(5).standard_normal(len(inputs))
+    index = [port.name for port in LOAD.ports].index('command')
+    augmented = replace(MODEL, plant=with_unknown_input(LOAD, index, 0.1)).system
+    np.testing.assert_allclose(
+        augmented.run(np.column_stack([inputs, given]), np.zeros(LOAD.order + 1)),
+        MODEL.system.run(inputs + 0.1 * np.outer(given, [1.0, 0.0]), np.zeros(LOAD.order)),
+        atol=1e-9)
+
+
+def test_responses_are_what_the_observer_does_with_an_input_and_without() -> None:
+    inputs, measured = moved([], 0.8, 1)
+    measured[200] = math.nan
+    index = [port.name for port in LOAD.ports].index('motor')
+    root = process_root(LOAD.laws(VALUES), T, np.array([
+        NOISE.process.get(name, 0.0) for name in LOAD.states]))
+    suspect = Suspect(MODEL, index, 0.2, inputs, measured, 100,
+                      MODEL.system.start(inputs[0], 0.0), root)
+    given = np.random.default_rng(4).standard_normal((2, len(inputs) - 100))
+    plain = suspect.run(3.0)
+    found = suspect.responses(plain, given)
+    for row, expected in zip(found, given, strict=True):
+        with_it = suspect.run(3.0, expected).innovation
+        np.testing.assert_allclose(np.where(np.isnan(with_it[100:]), math.nan, row),
+                                   (plain.innovation - with_it)[100:], atol=1e-9)
+
+
 def test_the_walk_is_the_textbooks_augmented_kalman_filter() -> None:
     """At the motor: innovations and likelihood by matrices that are made here."""
     index = [port.name for port in LOAD.ports].index('motor')
@@ -134,6 +163,14 @@ def test_curves_and_loops_are_what_they_are_called() -> None:
         turned = 401 + round(2.0 * half * 2.0 / 0.01)       # twice that to slide the other way
         assert row[turned - 3] > -1.0
         assert row[turned + 3] == pytest.approx(-1.0)
+
+
+def test_lags_are_behind_a_step_by_what_is_left_of_an_exponential() -> None:
+    signal = np.repeat([0.0, 1.0], [10, 90])
+    k = np.arange(1, 91)
+    for lag, row in zip(LAGS, lags(signal), strict=True):
+        np.testing.assert_allclose(row[:10], 0.0, atol=1e-12)
+        np.testing.assert_allclose(row[10:], -2.0 * np.exp(-k / lag), atol=1e-12)
 
 
 def test_the_change_of_a_variance_is_found() -> None:
