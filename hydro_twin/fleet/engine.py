@@ -20,6 +20,11 @@ CONNECT = '10s'         # to wait for a scheduler
 # Until a worker that died is taken off the cluster for good, and tasks fail since none is left. A
 # new one is there in seconds, but on a machine with much else to do not in the 15 s of Dask.
 PATIENCE = '10 minutes'
+# Dask checks 50 times a second whether its event loops are late, and 10 times how much memory is
+# left, in every worker and beside them. With two workers on two cores that is 3 % of each.
+SELDOM = {'distributed.worker.profile.enabled': False, 'distributed.admin.tick.interval': '500ms',
+          'distributed.worker.memory.monitor-interval': '500ms',
+          'distributed.admin.system-monitor.interval': '2s'}
 PRELOAD = 'hydro_twin.fleet.worker'
 
 
@@ -31,7 +36,7 @@ def dask_executor(scheduler: str, workers: int | None, say: Callable[[str], None
     Args:
         scheduler: address of a scheduler, as 'tcp://10.0.0.1:8786'; '' for a local cluster.
         workers: processes of the local cluster, of one thread each; None: one a core.
-        say: called with the address of the dashboard.
+        say: called with the address of the dashboard, and the number of workers that are there.
 
     Raises:
         ModuleNotFoundError: Dask is not installed.
@@ -42,10 +47,10 @@ def dask_executor(scheduler: str, workers: int | None, say: Callable[[str], None
 
     settings = {'distributed.scheduler.allowed-failures': DEATHS,
                 'distributed.scheduler.no-workers-timeout': PATIENCE,
-                'distributed.deploy.lost-worker-timeout': PATIENCE,
-                'distributed.worker.profile.enabled': False}
+                'distributed.deploy.lost-worker-timeout': PATIENCE, **SELDOM}
     with ExitStack() as stack:
         stack.enter_context(dask.config.set(settings))
+        stack.enter_context(_quiet())
         if scheduler:
             try:
                 client = Client(scheduler, timeout=CONNECT)
@@ -58,12 +63,24 @@ def dask_executor(scheduler: str, workers: int | None, say: Callable[[str], None
                 preload=[PRELOAD], silence_logs=logging.CRITICAL))
             client = Client(cluster)
         stack.enter_context(client)
-        say(f'dashboard: {client.dashboard_link}')
+        say(f'dashboard: {client.dashboard_link}, workers: {len(client.nthreads())}')
         executor = client.get_executor(pure=False, retries=RETRIES)
         try:
             yield executor
         finally:
             executor.shutdown(wait=False)
+
+
+@contextmanager
+def _quiet() -> Iterator[None]:
+    """Keep the tracebacks of a lost scheduler from standard error; `run` says it in a line."""
+    logger = logging.getLogger('distributed.client')
+    before = logger.level
+    logger.setLevel(logging.CRITICAL)
+    try:
+        yield
+    finally:
+        logger.setLevel(before)
 
 
 def work[T, R](function: Callable[[T], R], items: Sequence[T], executor: Executor
@@ -115,8 +132,6 @@ def reason(error: BaseException) -> str:
     if _gave_up(error):
         return ('its worker process died each time, also when it had this trace only: was it '
                 'killed, or is memory short?')
-    if isinstance(error, CancelledError):
-        return 'cancelled: was the connection to the scheduler lost?'
     said = ' '.join(str(error).split())
     return said if isinstance(error, UserError) else f'{type(error).__name__}: {said}'
 
