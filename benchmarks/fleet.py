@@ -51,7 +51,7 @@ def main() -> int:
         ways, start = begun(stack)
         print(f'start of the engine with two workers: {start:.1f} s')
         for way, trace in ways.items():             # imports and compiled code
-            trace([(task, folder / 'warm' / way / str(k)) for k in range(2)])
+            trace([(task, folder / 'warm' / way / str(k)) for k in range(int(way[0]))])
         times: dict[str, list[float]] = {way: [] for way in WAYS}
         beside = []             # processor time of client and scheduler, by that of the clock
         for turn in range(args.rounds):
@@ -63,7 +63,8 @@ def main() -> int:
                 if way == '2 workers':
                     beside.append((process_time() - used) / times[way][-1])
         results = kept(folder)
-        if len(results) != len(WAYS) * (args.rounds * args.traces + 2) or any(
+        warm = sum(int(way[0]) for way in WAYS)
+        if len(results) != len(WAYS) * args.rounds * args.traces + warm or any(
                 one != results[0] for one in results):
             print('the results differ')
             return 1

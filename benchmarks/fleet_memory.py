@@ -2,9 +2,10 @@
 
     uv run --group dev python -m benchmarks.fleet_memory [--traces 100]
 
-One worker traces short recordings of different rigs, one in five with an effect. Its resident
-memory is asked for, by a task of its own, after every ten traces. The slope is that of a straight
-line from the twentieth trace on, since what a trace compiles and imports is there by then.
+One worker traces ten short recordings, three of rigs with an effect, again and again into other
+folders, so that every round runs the same code on the same data. After each round a task of its
+own reads the resident memory of the worker. The slope is that of a straight line from the second
+round on, since what a trace imports and compiles is there by then.
 """
 from __future__ import annotations
 
@@ -26,47 +27,46 @@ from hydro_twin.fleet.task import run
 
 PLANT = 'control_valve'
 EFFECTS = ('backlash@stem:gap=0.03', 'saturation@stem:lower=-10,upper=0.6', 'delay@command:time=3')
-EVERY = 5               # rig has an effect
-STEP = 10               # traces between two readings
-WARM = 20               # traces until all is imported and compiled
+RIGS = 10
+EVERY = 3               # rig has an effect
+WARM = 2                # rounds until all is imported and compiled
 
 
 def main() -> int:
     """Trace, and print the memory; returns the exit status."""
     parser = argparse.ArgumentParser(description=(__doc__ or '').splitlines()[0])
-    parser.add_argument('--traces', type=int, default=100)
+    parser.add_argument('--traces', type=int, default=100, help='30 at least')
     count = parser.parse_args().traces
     with tempfile.TemporaryDirectory() as name, dask_executor('', 1, lambda _: None) as engine:
         folder = Path(name)
-        tasks = recorded(folder, count)
+        tasks = recorded(folder)
         found = []
-        for begin in range(0, count, STEP):
-            done = list(work(partial(run, folder=folder, seed=0), tasks[begin:begin + STEP],
-                             engine))
-            if wrong := [came for _, came in done if isinstance(came, BaseException)]:
-                raise wrong[0]
+        for k in range(1, count // RIGS + 1):
+            for _, came in work(partial(run, folder=folder / str(k), seed=0), tasks, engine):
+                if isinstance(came, BaseException):
+                    raise came
             process, memory = engine.submit(resident).result()
-            found.append((begin + len(done), process, memory))
-            print(f'{found[-1][0]} traces: {memory / 2 ** 20:.1f} MiB', flush=True)
+            found.append((k * RIGS, process, memory))
+            print(f'{k * RIGS} traces: {memory / 2 ** 20:.1f} MiB', flush=True)
     if len({process for _, process, _ in found}) > 1:
         print('the worker was started anew')
         return 1
-    traces, _, memory_after = zip(*(one for one in found if one[0] >= WARM), strict=True)
-    slope = np.polyfit(traces, memory_after, 1)[0]
-    print(f'from {WARM} traces on: {slope / 1024:+.1f} KiB a trace')
+    traces, _, memories = zip(*found[WARM - 1:], strict=True)
+    slope = np.polyfit(traces, memories, 1)[0]
+    print(f'from {traces[0]} traces on: {slope / 1024:+.1f} KiB a trace')
     return 0
 
 
-def recorded(folder: Path, count: int) -> list[Task]:
+def recorded(folder: Path) -> list[Task]:
     """Simulate a bag of 200 samples of each rig; returns their tasks."""
-    for k in range(count):
+    for k in range(RIGS):
         effect = EFFECTS[k // EVERY % len(EFFECTS)] if k % EVERY == EVERY - 1 else ''
         with contextlib.redirect_stdout(io.StringIO()):
             hydro_twin(['simulate', '--plant', PLANT, '--noise', '5e-3', '--duration', '200',
                         '--excitation', 'command=steps', '--seed', str(k),
                         *(('--effect', effect) if effect else ()),
                         '-o', str(folder / f'bag_{k}')])
-    rows = [f'rig {k},{PLANT},bag_{k}' for k in range(count)]
+    rows = [f'rig {k},{PLANT},bag_{k}' for k in range(RIGS)]
     (folder / 'fleet.csv').write_text('\n'.join(['name,plant,bags', *rows]), encoding='utf-8')
     return read_manifest(folder / 'fleet.csv')
 

@@ -1,6 +1,7 @@
 """Whole runs with real processes: what is killed, what goes on, and that engines agree."""
 from concurrent.futures import Executor, Future, ProcessPoolExecutor, ThreadPoolExecutor
 import contextlib
+from datetime import datetime
 import json
 import multiprocessing
 import os
@@ -19,6 +20,8 @@ from benchmarks.dask_cluster import cluster
 from hydro_twin.errors import UserError
 from hydro_twin.fleet import store, trace_fleet
 from hydro_twin.fleet.engine import reason, work
+from hydro_twin.fleet.run import _Teller
+from hydro_twin.fleet.task import Outcome
 from hydro_twin.plants import plant_named
 from hydro_twin.recording.digest import source_of
 from hydro_twin.recording.rig import rig_of
@@ -312,3 +315,20 @@ def test_a_killed_worker_is_made_good_and_a_trace_that_kills_each_is_given_up(
     assert made['traces'] == {'done': RIGS - 1, 'traced_now': RIGS - 1, 'failed': 2}
     assert 'Traceback' not in said
     assert not list((tmp_path / 'results').glob('.*'))
+
+
+def test_the_end_is_estimated_from_what_was_traced(monkeypatch):
+    """Not from what was found done: of four, one is found at once, and one traced in 10 s."""
+    now = [100.0]
+    monkeypatch.setattr('hydro_twin.fleet.run.monotonic', lambda: now[0])
+    said = []
+    teller = _Teller(4, said.append)
+    teller.one(Outcome({}, 'a'))
+    assert said == []
+    now[0] += 10.0
+    before = datetime.now().replace(microsecond=0)
+    teller.one(Outcome({}, 'b', traced=True))
+    line, _, end = said[0].partition(', ends about ')
+    assert line == '2 of 4 done, 1 found done'
+    left = datetime.strptime(f'{before.year} {end}', '%Y %d %b %H:%M:%S') - before
+    assert 20.0 <= left.total_seconds() <= 25.0
