@@ -8,7 +8,8 @@ with one worker; two plain loops side by side in two processes, half of the trac
 shell; Dask with two workers. All processes are warm, do each trace on one core, and call the same
 function. All traces are of one bag, so that two halves take the same time. What the engine takes
 to start is timed apart, and so are tasks that are found done, where nothing but the overhead is
-left. The results of all ways are compared.
+left. Beside the clock's is the processor time of a trace in its process, which the load of the
+machine changes less. The results of all ways are compared.
 """
 from __future__ import annotations
 
@@ -22,7 +23,7 @@ import json
 import multiprocessing
 import os
 from pathlib import Path
-from statistics import median
+from statistics import mean, median
 import sys
 import tempfile
 from time import perf_counter, process_time
@@ -30,7 +31,7 @@ from time import perf_counter, process_time
 from hydro_twin.commands.main import main as hydro_twin
 from hydro_twin.fleet.engine import dask_executor, work
 from hydro_twin.fleet.manifest import read_manifest, Task
-from hydro_twin.fleet.task import Outcome, run
+from hydro_twin.fleet.task import run
 
 PLANT = 'control_valve'         # whose recordings of 200 samples are traced in a few seconds
 QUICK = 200                     # tasks that are found done, for the overhead of one
@@ -53,12 +54,13 @@ def main() -> int:
         for way, trace in ways.items():             # imports and compiled code
             trace([(task, folder / 'warm' / way / str(k)) for k in range(int(way[0]))])
         times: dict[str, list[float]] = {way: [] for way in WAYS}
+        processor: dict[str, list[float]] = {way: [] for way in WAYS}
         beside = []             # processor time of client and scheduler, by that of the clock
         for turn in range(args.rounds):
             for way in (*WAYS[turn % 4:], *WAYS[:turn % 4]):
                 items = [(task, folder / f'{turn}' / way / str(k)) for k in range(args.traces)]
                 begin, used = perf_counter(), process_time()
-                ways[way](items)
+                processor[way] += ways[way](items)
                 times[way].append(perf_counter() - begin)
                 if way == '2 workers':
                     beside.append((process_time() - used) / times[way][-1])
@@ -69,6 +71,8 @@ def main() -> int:
             print('the results differ')
             return 1
         report(times, args.traces)
+        print('processor time of a trace, mean: ' + ', '.join(
+            f'{way} {mean(of_traces):.3f} s' for way, of_traces in processor.items()))
         print(f'client and scheduler beside two workers: {100 * median(beside):.1f} % of a core')
         again = [(task, folder / '0' / WAYS[0] / '0')] * QUICK
         for way in WAYS[:2]:
@@ -80,7 +84,7 @@ def main() -> int:
     return 0
 
 
-def begun(stack: ExitStack) -> tuple[dict[str, Callable[[list[Item]], None]], float]:
+def begun(stack: ExitStack) -> tuple[dict[str, Callable[[list[Item]], list[float]]], float]:
     """Start the processes of all ways, which end with the stack.
 
     Returns:
@@ -110,31 +114,34 @@ def recorded(folder: Path, count: int) -> list[Task]:
     return read_manifest(folder / 'fleet.csv')
 
 
-def traced(item: Item) -> Outcome:
-    """Trace, or find that it is done."""
+def traced(item: Item) -> float:
+    """Trace, or find that it is done; returns the processor time of the process meanwhile [s]."""
     task, folder = item
-    return run(task, folder, 0)
+    begin = process_time()
+    run(task, folder, 0)
+    return process_time() - begin
 
 
-def in_a_loop(items: list[Item]) -> None:
-    """Trace one after another."""
-    for item in items:
-        traced(item)
+def in_a_loop(items: list[Item]) -> list[float]:
+    """Trace one after another; returns the processor times."""
+    return [traced(item) for item in items]
 
 
-def by_loops(items: list[Item], processes: list[ProcessPoolExecutor]) -> None:
-    """Trace in as many loops side by side as there are processes."""
+def by_loops(items: list[Item], processes: list[ProcessPoolExecutor]) -> list[float]:
+    """Trace in as many loops side by side as there are processes; returns the processor times."""
     futures = [process.submit(in_a_loop, items[k::len(processes)])
                for k, process in enumerate(processes)]
-    for future in futures:
-        future.result()
+    return [one for future in futures for one in future.result()]
 
 
-def by_engine(items: list[Item], engine: Executor) -> None:
-    """Trace by the engine."""
+def by_engine(items: list[Item], engine: Executor) -> list[float]:
+    """Trace by the engine; returns the processor times."""
+    found = []
     for _, came in work(traced, items, engine):
         if isinstance(came, BaseException):
             raise came
+        found.append(came)
+    return found
 
 
 def report(times: dict[str, list[float]], traces: int) -> None:

@@ -25,6 +25,8 @@ PATIENCE = '10 minutes'
 SELDOM = {'distributed.worker.profile.enabled': False, 'distributed.admin.tick.interval': '500ms',
           'distributed.worker.memory.monitor-interval': '500ms',
           'distributed.admin.system-monitor.interval': '2s'}
+# Which of these has the traceback of a lost connection depends on what was under way.
+LOGGERS = ('distributed.client', 'tornado.application', 'asyncio')
 PRELOAD = 'hydro_twin.fleet.worker'
 
 
@@ -74,13 +76,15 @@ def dask_executor(scheduler: str, workers: int | None, say: Callable[[str], None
 @contextmanager
 def _quiet() -> Iterator[None]:
     """Keep the tracebacks of a lost scheduler from standard error; `run` says it in a line."""
-    logger = logging.getLogger('distributed.client')
-    before = logger.level
-    logger.setLevel(logging.CRITICAL)
+    loggers = [logging.getLogger(name) for name in LOGGERS]
+    before = [logger.level for logger in loggers]
+    for logger in loggers:
+        logger.setLevel(logging.CRITICAL)
     try:
         yield
     finally:
-        logger.setLevel(before)
+        for logger, level in zip(loggers, before, strict=True):
+            logger.setLevel(level)
 
 
 def work[T, R](function: Callable[[T], R], items: Sequence[T], executor: Executor
