@@ -21,7 +21,7 @@ CONNECT = '10s'         # to wait for a scheduler
 # new one is there in seconds, but on a machine with much else to do not in the 15 s of Dask.
 PATIENCE = '10 minutes'
 # Dask checks 50 times a second whether its event loops are late, and 10 times how much memory is
-# left, in every worker and beside them. On a small machine that takes more than a task's overhead.
+# left, in every worker and beside them, which takes time from the traces.
 SELDOM = {'distributed.worker.profile.enabled': False, 'distributed.admin.tick.interval': '500ms',
           'distributed.worker.memory.monitor-interval': '500ms',
           'distributed.admin.system-monitor.interval': '2s'}
