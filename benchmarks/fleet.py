@@ -1,75 +1,105 @@
-"""The overhead of the engine: traces by `trace_fleet` against the same in a plain loop.
+"""The overhead of the engine, and its speed-up: traces by Dask against the same in plain loops.
 
-    uv run --group dev python -m benchmarks.fleet [--traces 8]
+    uv run --group dev python -m benchmarks.fleet [--traces 8] [--rounds 3]
 
-Both do every trace on one core in one process that is warm, and in turns, so that the load of the
-machine falls on both. The loop calls what the worker calls. What the engine takes to start and to
-end is timed apart. The results of both are compared first.
+Four ways to do the same traces, one after another in every round, each round beginning with
+another of them, so that the load of the machine falls on all: a plain loop in one process; Dask
+with one worker; two plain loops side by side in two processes, half of the traces each, as by a
+shell; Dask with two workers. All processes are warm, do each trace on one core, and call the same
+function. All traces are of one bag, so that two halves take the same time. What the engine takes
+to start is timed apart, and so are tasks that are found done, where nothing but the overhead is
+left. Beside the clock's is the processor time of a trace in its process, which the load of the
+machine changes less. The results of all ways are compared.
 """
 from __future__ import annotations
 
 import argparse
-from concurrent.futures import Executor
+from collections.abc import Callable
+from concurrent.futures import Executor, ProcessPoolExecutor
 import contextlib
-from functools import partial
+from contextlib import ExitStack
 import io
 import json
+import multiprocessing
+import os
 from pathlib import Path
-from statistics import median
+from statistics import mean, median
 import sys
 import tempfile
-from time import perf_counter
+from time import perf_counter, process_time
 
 from hydro_twin.commands.main import main as hydro_twin
 from hydro_twin.fleet.engine import dask_executor, work
 from hydro_twin.fleet.manifest import read_manifest, Task
-from hydro_twin.fleet.task import Outcome, run
+from hydro_twin.fleet.task import run
 
-PLANT = 'control_valve'         # whose recordings of 200 samples are traced in about a second
+PLANT = 'control_valve'         # whose recordings of 200 samples are traced in a few seconds
 QUICK = 200                     # tasks that are found done, for the overhead of one
+WAYS = ('1 loop', '1 worker', '2 loops', '2 workers')
+type Item = tuple[Task, Path]   # a trace, and the folder for its result
 
 
 def main() -> int:
     """Time, and print; returns the exit status."""
     parser = argparse.ArgumentParser(description=(__doc__ or '').splitlines()[0])
-    parser.add_argument('--traces', type=int, default=8)
-    count = parser.parse_args().traces
-    with tempfile.TemporaryDirectory() as name:
+    parser.add_argument('--traces', type=int, default=8, help='of a round, an even number')
+    parser.add_argument('--rounds', type=int, default=3)
+    args = parser.parse_args()
+    print(f'load of the machine at the beginning: {os.getloadavg()[0]:.1f}')
+    with tempfile.TemporaryDirectory() as name, ExitStack() as stack:
         folder = Path(name)
-        tasks = recorded(folder, count)
-        begin = perf_counter()
-        with dask_executor('', 1, lambda _: None) as engine:
-            by_engine(tasks[:1], folder / 'first', engine)
-            by_loop(tasks[:1], folder / 'first_loop')
-            print(f'start of the engine, with the imports of its worker: '
-                  f'{perf_counter() - begin:.1f} s')
-            turns = []
-            for k, task in enumerate(tasks):
-                times = {}
-                for how in (('loop', 'engine'), ('engine', 'loop'))[k % 2]:
-                    begin = perf_counter()
-                    if how == 'loop':
-                        by_loop([task], folder / 'loop')
-                    else:
-                        by_engine([task], folder / 'engine', engine)
-                    times[how] = perf_counter() - begin
-                turns.append(times)
-            if kept(folder / 'loop') != kept(folder / 'engine'):
-                print('the results differ')
-                return 1
-            ratio = median(times['engine'] / times['loop'] for times in turns)
-            print(f'{count} traces, median of one: loop {median(t["loop"] for t in turns):.2f} s, '
-                  f'engine {median(t["engine"] for t in turns):.2f} s, ratio {ratio:.3f}')
-            again = [tasks[k % count] for k in range(QUICK)]
+        (task,) = recorded(folder, 1)
+        ways, start = begun(stack)
+        print(f'start of the engine with two workers: {start:.1f} s')
+        for way, trace in ways.items():             # imports and compiled code
+            trace([(task, folder / 'warm' / way / str(k)) for k in range(int(way[0]))])
+        times: dict[str, list[float]] = {way: [] for way in WAYS}
+        processor: dict[str, list[float]] = {way: [] for way in WAYS}
+        beside = []             # processor time of client and scheduler, by that of the clock
+        for turn in range(args.rounds):
+            for way in (*WAYS[turn % 4:], *WAYS[:turn % 4]):
+                items = [(task, folder / f'{turn}' / way / str(k)) for k in range(args.traces)]
+                begin, used = perf_counter(), process_time()
+                processor[way] += ways[way](items)
+                times[way].append(perf_counter() - begin)
+                if way == '2 workers':
+                    beside.append((process_time() - used) / times[way][-1])
+        results = kept(folder)
+        warm = sum(int(way[0]) for way in WAYS)
+        if len(results) != len(WAYS) * args.rounds * args.traces + warm or any(
+                one != results[0] for one in results):
+            print('the results differ')
+            return 1
+        report(times, args.traces)
+        print('processor time of a trace, mean: ' + ', '.join(
+            f'{way} {mean(of_traces):.3f} s' for way, of_traces in processor.items()))
+        print(f'client and scheduler beside two workers: {100 * median(beside):.1f} % of a core')
+        again = [(task, folder / '0' / WAYS[0] / '0')] * QUICK
+        for way in WAYS[:2]:
             begin = perf_counter()
-            by_loop(again, folder / 'loop')
-            middle = perf_counter()
-            by_engine(again, folder / 'engine', engine)
-            end = perf_counter()
-            print(f'{QUICK} tasks that are found done, of one: '
-                  f'loop {(middle - begin) / QUICK * 1e3:.1f} ms, '
-                  f'engine {(end - middle) / QUICK * 1e3:.1f} ms')
+            ways[way](again)
+            print(f'{QUICK} tasks that are found done, {way}: '
+                  f'{(perf_counter() - begin) / QUICK * 1e3:.1f} ms each')
+    print(f'load of the machine at the end: {os.getloadavg()[0]:.1f}')
     return 0
+
+
+def begun(stack: ExitStack) -> tuple[dict[str, Callable[[list[Item]], list[float]]], float]:
+    """Start the processes of all ways, which end with the stack.
+
+    Returns:
+        The ways, by name, and what the engine with two workers took to start [s].
+    """
+    loops = [stack.enter_context(ProcessPoolExecutor(1, multiprocessing.get_context('spawn')))
+             for _ in range(2)]
+    one = stack.enter_context(dask_executor('', 1, lambda _: None))
+    begin = perf_counter()
+    two = stack.enter_context(dask_executor('', 2, lambda _: None))
+    start = perf_counter() - begin
+    return {'1 loop': lambda items: by_loops(items, loops[:1]),
+            '1 worker': lambda items: by_engine(items, one),
+            '2 loops': lambda items: by_loops(items, loops),
+            '2 workers': lambda items: by_engine(items, two)}, start
 
 
 def recorded(folder: Path, count: int) -> list[Task]:
@@ -84,22 +114,53 @@ def recorded(folder: Path, count: int) -> list[Task]:
     return read_manifest(folder / 'fleet.csv')
 
 
-def by_loop(tasks: list[Task], folder: Path) -> list[Outcome]:
-    """Trace one after another."""
-    return [run(task, folder, 0) for task in tasks]
+def traced(item: Item) -> float:
+    """Trace, or find that it is done; returns the processor time of the process meanwhile [s]."""
+    task, folder = item
+    begin = process_time()
+    run(task, folder, 0)
+    return process_time() - begin
 
 
-def by_engine(tasks: list[Task], folder: Path, engine: Executor) -> list[Outcome]:
-    """Trace by the engine."""
-    came = dict(work(partial(run, folder=folder, seed=0), tasks, engine))
-    found = [came[k] for k in range(len(tasks))]
-    return [one for one in found if isinstance(one, Outcome)]
+def in_a_loop(items: list[Item]) -> list[float]:
+    """Trace one after another; returns the processor times."""
+    return [traced(item) for item in items]
 
 
-def kept(folder: Path) -> dict[str, dict[str, object]]:
-    """Read the results of a folder, without their times."""
-    return {path.parent.name: {**json.loads(path.read_text(encoding='utf-8')), 'seconds': 0}
-            for path in (folder / 'results').glob('*/result.json')}
+def by_loops(items: list[Item], processes: list[ProcessPoolExecutor]) -> list[float]:
+    """Trace in as many loops side by side as there are processes; returns the processor times."""
+    futures = [process.submit(in_a_loop, items[k::len(processes)])
+               for k, process in enumerate(processes)]
+    return [one for future in futures for one in future.result()]
+
+
+def by_engine(items: list[Item], engine: Executor) -> list[float]:
+    """Trace by the engine; returns the processor times."""
+    found = []
+    for _, came in work(traced, items, engine):
+        if isinstance(came, BaseException):
+            raise came
+        found.append(came)
+    return found
+
+
+def report(times: dict[str, list[float]], traces: int) -> None:
+    """Print the times [s] of a trace, and their ratios round by round."""
+    for way, of_rounds in times.items():
+        print(f'{way}: {median(of_rounds) / traces:.3f} s a trace ('
+              f'{", ".join(f"{one / traces:.3f}" for one in of_rounds)})')
+    for what, over, under in (('overhead, 1 worker against 1 loop', '1 worker', '1 loop'),
+                              ('overhead, 2 workers against 2 loops', '2 workers', '2 loops'),
+                              ('speed-up, 2 loops against 1', '1 loop', '2 loops'),
+                              ('speed-up, 2 workers against 1', '1 worker', '2 workers')):
+        ratios = [a / b for a, b in zip(times[over], times[under], strict=True)]
+        print(f'{what}: {median(ratios):.3f} ({", ".join(f"{one:.3f}" for one in ratios)})')
+
+
+def kept(folder: Path) -> list[dict[str, object]]:
+    """Read the results below a folder, without their times."""
+    return [{**json.loads(path.read_text(encoding='utf-8')), 'seconds': 0}
+            for path in folder.rglob('result.json')]
 
 
 if __name__ == '__main__':

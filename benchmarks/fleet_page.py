@@ -67,7 +67,8 @@ def made_up(rigs: int) -> dict[str, Any]:
         own = np.exp(rng.normal(0.0, 0.05, len(NAMES)))
         names = NAMES[:-1] if k % 3 else NAMES
         effects = [] if k % 3 else [{'id': 'backlash', 'port': 'linkage', 'certain': True,
-                                     'p_value': 0.0, 'share_of_residual': 0.9}]
+                                     'probability': 0.995, 'p_value': 0.0,
+                                     'share_of_residual': 0.9}]
         for date in DATES:
             values = own * np.exp(rng.normal(0.0, 0.01, len(NAMES)))
             done.append((
@@ -77,6 +78,7 @@ def made_up(rigs: int) -> dict[str, Any]:
                     'verdict': 'effect_found' if effects else 'nothing_missing',
                     'says': 'The model lacks backlash at the linkage.', 'noise': 1e-3,
                     'unit': '1', 'error': {'before': 2e-3, 'after': 1e-3}, 'effects': effects,
+                    'nothing': 0.0 if effects else 0.97, 'law_unknown': 0.03,
                     'estimates': {name: {'value': value, 'std_error': 0.01 * value, 'unit': 's'}
                                   for name, value in zip(names, values, strict=False)},
                     'factor': {'names': list(names), 'values': values[:len(names)].tolist(),

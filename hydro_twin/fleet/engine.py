@@ -20,6 +20,13 @@ CONNECT = '10s'         # to wait for a scheduler
 # Until a worker that died is taken off the cluster for good, and tasks fail since none is left. A
 # new one is there in seconds, but on a machine with much else to do not in the 15 s of Dask.
 PATIENCE = '10 minutes'
+# Dask checks 50 times a second whether its event loops are late, and 10 times how much memory is
+# left, in every worker and beside them, which takes time from the traces.
+SELDOM = {'distributed.worker.profile.enabled': False, 'distributed.admin.tick.interval': '500ms',
+          'distributed.worker.memory.monitor-interval': '500ms',
+          'distributed.admin.system-monitor.interval': '2s'}
+# Which of these has the traceback of a lost connection depends on what was under way.
+LOGGERS = ('distributed.client', 'tornado.application', 'asyncio')
 PRELOAD = 'hydro_twin.fleet.worker'
 
 
@@ -31,7 +38,7 @@ def dask_executor(scheduler: str, workers: int | None, say: Callable[[str], None
     Args:
         scheduler: address of a scheduler, as 'tcp://10.0.0.1:8786'; '' for a local cluster.
         workers: processes of the local cluster, of one thread each; None: one a core.
-        say: called with the address of the dashboard.
+        say: called with the address of the dashboard, and the number of workers that are there.
 
     Raises:
         ModuleNotFoundError: Dask is not installed.
@@ -42,10 +49,10 @@ def dask_executor(scheduler: str, workers: int | None, say: Callable[[str], None
 
     settings = {'distributed.scheduler.allowed-failures': DEATHS,
                 'distributed.scheduler.no-workers-timeout': PATIENCE,
-                'distributed.deploy.lost-worker-timeout': PATIENCE,
-                'distributed.worker.profile.enabled': False}
+                'distributed.deploy.lost-worker-timeout': PATIENCE, **SELDOM}
     with ExitStack() as stack:
         stack.enter_context(dask.config.set(settings))
+        stack.enter_context(_quiet())
         if scheduler:
             try:
                 client = Client(scheduler, timeout=CONNECT)
@@ -58,12 +65,26 @@ def dask_executor(scheduler: str, workers: int | None, say: Callable[[str], None
                 preload=[PRELOAD], silence_logs=logging.CRITICAL))
             client = Client(cluster)
         stack.enter_context(client)
-        say(f'dashboard: {client.dashboard_link}')
+        say(f'dashboard: {client.dashboard_link}, workers: {len(client.nthreads())}')
         executor = client.get_executor(pure=False, retries=RETRIES)
         try:
             yield executor
         finally:
             executor.shutdown(wait=False)
+
+
+@contextmanager
+def _quiet() -> Iterator[None]:
+    """Keep the tracebacks of a lost scheduler from standard error; `run` says it in a line."""
+    loggers = [logging.getLogger(name) for name in LOGGERS]
+    before = [logger.level for logger in loggers]
+    for logger in loggers:
+        logger.setLevel(logging.CRITICAL)
+    try:
+        yield
+    finally:
+        for logger, level in zip(loggers, before, strict=True):
+            logger.setLevel(level)
 
 
 def work[T, R](function: Callable[[T], R], items: Sequence[T], executor: Executor
@@ -115,8 +136,6 @@ def reason(error: BaseException) -> str:
     if _gave_up(error):
         return ('its worker process died each time, also when it had this trace only: was it '
                 'killed, or is memory short?')
-    if isinstance(error, CancelledError):
-        return 'cancelled: was the connection to the scheduler lost?'
     said = ' '.join(str(error).split())
     return said if isinstance(error, UserError) else f'{type(error).__name__}: {said}'
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
-from hydro_twin.report.page import environment, NOT_KNOWN, short, spread
+from hydro_twin.report.page import environment, NOT_KNOWN, probability, short, spread
 
 PANELS = 6              # small multiples of a rig at most: the parameters that most rigs have
 REPORTS = 12            # links to periods of a rig at most, the last ones
@@ -15,8 +15,8 @@ DIGITS = 5
 def page(fleet: Mapping[str, Any]) -> str:
     """Write the page of a fleet, given as fleet.json has it."""
     pages = environment('fleet')
-    pages.filters |= {'short': short, 'spread': spread, 'change': change, 'unit': unit,
-                      'between': between}
+    pages.filters |= {'short': short, 'spread': spread, 'p': probability, 'change': change,
+                      'unit': unit, 'between': between}
     panels = {group: sorted(usual, key=lambda name: -usual[name]['rigs'])[:PANELS]
               for group, usual in fleet['groups'].items()}
     return pages.get_template('fleet_page.html').render(

@@ -2,7 +2,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from concurrent.futures import Executor
+from concurrent.futures import CancelledError, Executor
 from contextlib import ExitStack
 from datetime import datetime, timedelta
 from functools import partial
@@ -42,7 +42,8 @@ def trace_fleet(manifest: Path | str, folder: Path | str, *, executor: Executor 
 
     Raises:
         ManifestError: the manifest has faults, one line each.
-        UserError: the folder cannot be written, or there is no scheduler.
+        UserError: the folder cannot be written, or there is no scheduler, or it is lost; the
+            finished traces are kept then, but tables and page are not written.
         ModuleNotFoundError: Dask or pyarrow is not installed.
     """
     import pyarrow as _  # noqa: F401, ICN001    rather now than after all the traces
@@ -63,6 +64,9 @@ def trace_fleet(manifest: Path | str, folder: Path | str, *, executor: Executor 
         store.sweep(folder)
         tell = _Teller(len(tasks), say)
         for k, came in work(partial(run, folder=folder, seed=seed), tasks, engine):
+            if isinstance(came, CancelledError):    # and so are all others that are not done
+                raise UserError(f'{tell.count} of {len(tasks)} done, the rest cancelled: is the '
+                                'Dask scheduler still there? The same command goes on from here')
             outcome = came if isinstance(came, Outcome) else Outcome(None, reason=reason(came))
             outcomes[k] = outcome
             if outcome.record is None:

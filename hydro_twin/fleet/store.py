@@ -24,7 +24,7 @@ from hydro_twin.recording.rig import Rig
 from hydro_twin.recording.series import Source
 
 RESULTS = 'results'
-FORMAT = 2                  # of the record
+FORMAT = 3                  # of the record
 RECORD = 'result.json'      # what the tables are made of; the other files are those of a trace
 
 

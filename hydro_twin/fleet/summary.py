@@ -65,8 +65,15 @@ def _state(rig: Row) -> Row:
             'says': last['says'] if last else rig['problems'][-1]['reason'],
             'effects': [effect_name(effect) for effect in effects],
             'certain': all(effect['certain'] for effect in effects) if effects else None,
+            'probability': probability(last) if last else None,
             'sizes': sizes, 'report': last['report'] if last else None,
             'usual': {}, 'rare': {}, 'pooled': 0}
+
+
+def probability(period: Mapping[str, Any]) -> float:
+    """Return the probability of the effects, the least of several; without, of nothing missing."""
+    return float(min((effect['probability'] for effect in period['effects']),
+                     default=period['nothing']))
 
 
 def _mark(rigs: Sequence[Row], usual: Mapping[str, Mapping[str, Any]]) -> None:

@@ -9,6 +9,7 @@ from typing import Any
 from hydro_twin.errors import UserError
 from hydro_twin.files import write_whole, written_whole
 from hydro_twin.fleet.page import page
+from hydro_twin.fleet.summary import probability
 
 
 def write_tables(fleet: dict[str, Any], folder: Path) -> dict[str, Any]:
@@ -34,8 +35,8 @@ def write_parquet(fleet: Mapping[str, Any], path: Path) -> None:
 
     text = ('rig', 'plant', 'group', 'date', 'verdict', 'effects', 'key', 'report', 'problem',
             'parameter', 'unit')
-    numbers = ('error_before', 'error_after', 'noise', 'value', 'std_error', 'usual_mean',
-               'usual_spread', 'shrunken', 'shrunken_error', 'score')
+    numbers = ('probability', 'error_before', 'error_after', 'noise', 'value', 'std_error',
+               'usual_mean', 'usual_spread', 'shrunken', 'shrunken_error', 'score')
     labels = sorted({label for rig in fleet['rigs'] for label in rig['labels']})
     schema = pa.schema([
         *((name, pa.string()) for name in text), ('certain', pa.bool_()),
@@ -57,7 +58,7 @@ def _rows(rig: Mapping[str, Any], usual: Mapping[str, Mapping[str, Any]]) -> lis
             **same, 'date': period['date'], 'verdict': period['verdict'],
             'effects': ' + '.join(f'{one["id"]} at {one["port"]}' for one in period['effects']),
             'certain': all(one['certain'] for one in period['effects'])
-            if period['effects'] else None,
+            if period['effects'] else None, 'probability': probability(period),
             'key': period['key'], 'report': period['report'], 'noise': period['noise'],
             'error_before': period['error']['before'], 'error_after': period['error']['after']}
         compared = {name: _compared(rig['usual'][name], usual[name]) for name in rig['usual']

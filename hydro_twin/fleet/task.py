@@ -76,9 +76,10 @@ def _trace(task: Task, rig: Rig, seed: int, folder: Path) -> dict[str, Any]:
         'error': {when: summary[when][found.result.judged]['test']
                   for when in ('before', 'after')},
         'noise': summary['noise_floor'], 'unit': rig.plant.output.unit,
-        'effects': [{name: effect[name] for name in ('id', 'port', 'certain', 'p_value',
-                                                     'share_of_residual')}
+        'effects': [{name: effect[name] for name in ('id', 'port', 'certain', 'probability',
+                                                     'p_value', 'share_of_residual')}
                     for effect in summary['effects']],
+        'nothing': summary['nothing'], 'law_unknown': summary['law_unknown'],
         'estimates': {name: one for name, one in values.items() if one['std_error']},
         'factor': factor_of(found.result, values),
         'samples': sum(map(len, data.recording.series)),

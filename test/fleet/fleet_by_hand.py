@@ -28,12 +28,15 @@ def manifest(folder, rows, name='fleet.csv', columns='name,plant,bags,date'):
 
 
 def outcome(estimates, effects=(), verdict='effect_found'):
-    """Make what a trace would come to; estimates: name -> (value, standard error)."""
+    """Make what a trace would come to.
+
+    estimates: name -> (value, standard error); effects: the probability of each.
+    """
     return Outcome({
         'verdict': verdict, 'says': 'It <lacks> something.', 'noise': 1e-3, 'unit': '1',
-        'error': {'before': 2e-3, 'after': 1e-3},
+        'error': {'before': 2e-3, 'after': 1e-3}, 'nothing': 0.875, 'law_unknown': 0.004,
         'effects': [{'id': 'backlash', 'port': 'stem', 'certain': True, 'p_value': 0.0,
-                     'share_of_residual': 0.9} for _ in effects],
+                     'probability': one, 'share_of_residual': 0.9} for one in effects],
         'estimates': {name: {'value': value, 'std_error': error, 'unit': 's'}
                       for name, (value, error) in estimates.items()},
         'factor': {'names': list(estimates), 'values': [value for value, _ in estimates.values()],

@@ -1,6 +1,7 @@
 """Whole runs with real processes: what is killed, what goes on, and that engines agree."""
 from concurrent.futures import Executor, Future, ProcessPoolExecutor, ThreadPoolExecutor
 import contextlib
+from datetime import datetime
 import json
 import multiprocessing
 import os
@@ -15,9 +16,12 @@ from engine_work import kill_or_square
 from fleet_by_hand import broken, manifest, PLANT, record
 import pytest
 
+from benchmarks.dask_cluster import cluster
 from hydro_twin.errors import UserError
 from hydro_twin.fleet import store, trace_fleet
 from hydro_twin.fleet.engine import reason, work
+from hydro_twin.fleet.run import _Teller
+from hydro_twin.fleet.task import Outcome
 from hydro_twin.plants import plant_named
 from hydro_twin.recording.digest import source_of
 from hydro_twin.recording.rig import rig_of
@@ -42,11 +46,11 @@ def key_of(bag):
     return store.key_of([source_of(bag)], rig_of(plant_named(PLANT)), 0)
 
 
-def command(bags, out, workers=1):
+def command(bags, out, *more):
     """Start the verb as a user does, in a session of its own."""
     return subprocess.Popen(
         [sys.executable, '-m', 'hydro_twin.commands.main', 'fleet', bags / 'fleet.csv', '-o', out,
-         '--workers', str(workers), '--json'], stdout=subprocess.PIPE,
+         *(more or ('--workers', '1')), '--json'], stdout=subprocess.PIPE,
         stderr=subprocess.PIPE, text=True, start_new_session=True)
 
 
@@ -62,15 +66,20 @@ def results(out):
     return {path.name: path.stat().st_mtime_ns for path in (out / 'results').glob('[!.]*')}
 
 
+def by_rig(fleet):
+    return {rig['rig']: rig for rig in fleet['rigs']}
+
+
+def periods(fleet):
+    """Return the results of each rig, without their times."""
+    return {name: [{**period, 'seconds': None} for period in rig['periods']]
+            for name, rig in by_rig(json.loads(json.dumps(fleet))).items()}
+
+
 def alike(fleet):
     """Leave out what depends on the time and the engine."""
     return {'groups': fleet['groups'], 'rigs': [
-        {**rig, 'periods': [{name: value for name, value in period.items() if name != 'seconds'}
-                            for period in rig['periods']]} for rig in fleet['rigs']]}
-
-
-def by_rig(fleet):
-    return {rig['rig']: rig for rig in fleet['rigs']}
+        {**rig, 'periods': periods(fleet)[rig['rig']]} for rig in fleet['rigs']]}
 
 
 @pytest.fixture(scope='module')
@@ -205,7 +214,29 @@ def test_a_run_that_is_killed_goes_on_where_it_was(bags, by_threads, tmp_path):
     assert f'{len(done)} found done' in said
     assert 'dashboard: http://127.0.0.1:' in said
     assert not list((out / 'results').glob('.*'))
-    assert alike(made) == alike(json.loads(json.dumps(by_threads[1])))
+    assert alike(made) == alike(by_threads[1])
+
+
+@pytest.mark.slow
+def test_where_the_scheduler_is_killed_another_goes_on(bags, by_threads, tmp_path):
+    pytest.importorskip('distributed')
+    out = tmp_path / 'out'
+    with (cluster(tmp_path, 1) as found,
+          command(bags, out, '--scheduler', found.address) as first):
+        wait_for_a_result(first, out)
+        found.scheduler.kill()
+        _, said = first.communicate(timeout=60)
+    assert first.returncode == 2
+    assert 'is the Dask scheduler still there?' in said.splitlines()[-1]
+    assert 'Traceback' not in said
+    done = results(out)
+    assert 0 < len(done) < RIGS
+    assert not (out / 'fleet.json').exists()
+    with cluster(tmp_path, 1) as found:
+        made, _ = ended(command(bags, out, '--scheduler', found.address))
+    assert {key: results(out)[key] for key in done} == done
+    assert made['traces'] == {'done': RIGS, 'traced_now': RIGS - len(done), 'failed': 1}
+    assert alike(made) == alike(by_threads[1])
 
 
 def none_left(session, patience=200):
@@ -263,15 +294,20 @@ def killing(bags, out, name, times):
 
 
 @pytest.mark.slow
-def test_a_killed_worker_is_made_good_and_a_trace_that_kills_each_is_given_up(bags, tmp_path):
-    """One worker dies once, amid rig 0; each that traces rig 2 dies; the others do not mind."""
+def test_a_killed_worker_is_made_good_and_a_trace_that_kills_each_is_given_up(
+        bags, by_threads, tmp_path):
+    """One worker dies once, amid rig 0; each that traces rig 2 dies; the others do not mind.
+
+    What comes of those that do not kill is what another engine makes of them.
+    """
     pytest.importorskip('distributed')
     with (killing(bags, tmp_path, 'bag_0', 1) as once,
           killing(bags, tmp_path, 'bag_2', 1000) as always):
-        made, said = ended(command(bags, tmp_path, 2))
+        made, said = ended(command(bags, tmp_path, '--workers', '2'))
     rigs = by_rig(made)
     assert len(once) == 1
-    assert rigs['rig 0']['problems'] == []
+    for rig in ('rig 0', 'rig 1'):
+        assert periods(made)[rig] == periods(by_threads[1])[rig]
     assert len(always) >= 2
     (problem,) = rigs['rig 2']['problems']
     assert 'worker process died' in problem['reason']
@@ -279,3 +315,20 @@ def test_a_killed_worker_is_made_good_and_a_trace_that_kills_each_is_given_up(ba
     assert made['traces'] == {'done': RIGS - 1, 'traced_now': RIGS - 1, 'failed': 2}
     assert 'Traceback' not in said
     assert not list((tmp_path / 'results').glob('.*'))
+
+
+def test_the_end_is_estimated_from_what_was_traced(monkeypatch):
+    """Not from what was found done: of four, one is found at once, and one traced in 10 s."""
+    now = [100.0]
+    monkeypatch.setattr('hydro_twin.fleet.run.monotonic', lambda: now[0])
+    said = []
+    teller = _Teller(4, said.append)
+    teller.one(Outcome({}, 'a'))
+    assert said == []
+    now[0] += 10.0
+    before = datetime.now().replace(microsecond=0)
+    teller.one(Outcome({}, 'b', traced=True))
+    line, _, end = said[0].partition(', ends about ')
+    assert line == '2 of 4 done, 1 found done'
+    left = datetime.strptime(f'{before.year} {end}', '%Y %d %b %H:%M:%S') - before
+    assert 20.0 <= left.total_seconds() <= 25.0

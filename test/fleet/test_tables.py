@@ -86,6 +86,22 @@ def test_an_effect_that_only_one_has_is_scored():
     assert not first['score']['out']
 
 
+def test_the_probability_is_that_of_the_least_certain_effect_or_of_nothing(tmp_path):
+    parquet = pytest.importorskip('pyarrow.parquet')
+    made = summarise([(task(name), outcome({'T': (1.0, 0.1)}, effects)) for name, effects in
+                      (('none', []), ('one', [0.996]), ('two', [0.996, 0.25]))]
+                     + [(task('failed'), Outcome(None, reason='no'))])
+    expected = {'none': 0.875, 'one': 0.996, 'two': 0.25, 'failed': None}
+    assert {rig['rig']: rig['probability'] for rig in made['rigs']} == expected
+    write_tables(made, tmp_path)
+    rows = parquet.read_table(tmp_path / 'fleet.parquet').to_pylist()
+    assert {row['rig']: row['probability'] for row in rows} == expected
+    cells = Cells()
+    cells.feed(page(made))
+    assert {row[0].strip(): row[6] for row in cells.rows if len(row) == 10} == {
+        'none': '0.875', 'one': '0.996', 'two': '0.25', 'failed': '–'}
+
+
 def test_values_of_either_sign_are_compared_as_they_are():
     usual = summarise([(task(str(k)), outcome({'bias': (k - 2.0, 0.1)})) for k in range(5)])
     assert not usual['groups']['a']['bias']['log']
