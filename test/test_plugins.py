@@ -36,8 +36,14 @@ else:
 """
 
 
+@pytest.fixture(scope='module')
+def cache(tmp_path_factory):
+    """Make a folder for what is compiled with the effect of the package."""
+    return tmp_path_factory.mktemp('cache')
+
+
 @pytest.fixture
-def installed(tmp_path):
+def installed(tmp_path, cache):
     """Lay out the examples of docs/adding.md as a package of their own, as pip would."""
     package, about = tmp_path / 'oil_lab', tmp_path / 'oil_lab-1.0.dist-info'
     package.mkdir()
@@ -59,7 +65,7 @@ def installed(tmp_path):
         return subprocess.run(
             [sys.executable, *map(str, arguments)], text=True, check=False, capture_output=True,
             env={**os.environ, 'PYTHONPATH': f'{ROOT}:{tmp_path}',
-                 'XDG_CACHE_HOME': str(tmp_path), **environment})
+                 'XDG_CACHE_HOME': str(cache), **environment})
 
     return run
 

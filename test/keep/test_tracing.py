@@ -88,7 +88,7 @@ def test_a_stretch_at_rest_is_not_traced(tmp_path: Path) -> None:
 
 @pytest.mark.slow
 def test_an_earlier_recording_that_cannot_be_read_is_left_out(tmp_path: Path) -> None:
-    assert main(['simulate', '--plant', 'load_simulator', '--duration', '4', '--noise', '0.5',
+    assert main(['simulate', '--plant', 'load_simulator', '--duration', '2', '--noise', '0.5',
                  '-o', str(tmp_path / 'bag')]) == 0
     there = captured(tmp_path / 'captured', tmp_path / 'bag')
     found = trace(there, write(tmp_path / 'model.yaml'), [tmp_path / 'gone'], SIGNALS,

@@ -23,7 +23,8 @@ def in_turn(*stiffness):
 
 
 @pytest.mark.parametrize(('recorded', 'is_one'), [
-    (lambda: in_turn(1.0, 1.3, 1.15), False), (lambda: record(('drift', 'G', DRIFT)), True)])
+    (lambda: in_turn(1.0, 1.3, 1.15), False),
+    (lambda: record(('drift', 'G', DRIFT), count=3), True)])
 def test_a_drift_is_distinguished_from_recordings_that_differ(recorded, is_one):
     fit, parts, _ = fitted(recorded())
     bare = fit.candidate

@@ -63,6 +63,11 @@ def uneven():
     return fit, train, test, free_curves(fit, train)
 
 
+@pytest.fixture(scope='module')
+def found(uneven):
+    return find_curve(*uneven, 0)
+
+
 @pytest.mark.slow
 def test_one_is_found_where_only_all_ports_together_show(uneven):
     fit, train, test, curves = uneven
@@ -72,9 +77,8 @@ def test_one_is_found_where_only_all_ports_together_show(uneven):
 
 
 @pytest.mark.slow
-def test_a_law_keeps_its_name_if_it_explains_most_of_the_curve_there(uneven):
+def test_a_law_keeps_its_name_if_it_explains_most_of_the_curve_there(uneven, found):
     fit, train, test, curves = uneven
-    found = find_curve(fit, train, test, curves, 0)
 
     def named(*effect):
         return search(replace(fit.candidate, effects=(place(*effect, PLANT),)), train, 40)
@@ -131,9 +135,8 @@ def test_values_of_a_curve_are_bounded():
 
 
 @pytest.mark.slow
-def test_what_is_found_stays_within_what_its_port_carries(uneven):
-    fit, train, test, curves = uneven
-    found = find_curve(fit, train, test, curves, 0)
+def test_what_is_found_stays_within_what_its_port_carries(uneven, found):
+    fit, train, *_ = uneven
     carried = spans(fit.candidate, train)[found.placed.port].value
     assert np.abs(found.placed.values[2:]).max() <= LARGEST * carried
 

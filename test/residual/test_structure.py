@@ -26,7 +26,7 @@ from hydro_twin.residual.structure import (
 
 @pytest.fixture(scope='module')
 def linear():
-    return [fitted(record(seed=seed)) for seed in range(3)]
+    return [fitted(record(seed=seed, count=3)) for seed in range(3)]
 
 
 def test_a_linear_rig_depends_on_nothing(linear):
@@ -40,7 +40,7 @@ def test_a_linear_rig_depends_on_nothing(linear):
 @pytest.mark.parametrize('gain', [0.0025, 0.01])
 def test_noise_that_a_controller_answers_is_not_predicted(gain):
     """In closed loop the command of a sample holds the noise of the same."""
-    recording = record(noise=0.0)
+    recording = record(noise=0.0, count=3)
     rig, rng = assemble(PLANT, VALUES), np.random.default_rng(0)
     parts = []
     for part in parts_of(recording, PLANT):
@@ -69,7 +69,7 @@ LAWS = {   # law on its port, the ports at which it may be seen, the signals the
 @cache
 def lacking(name):
     """Make a rig with one effect, and the linear fit to it."""
-    return fitted(record((name, *LAWS[name][0])))
+    return fitted(record((name, *LAWS[name][0]), count=3))
 
 
 @pytest.mark.parametrize('name', LAWS)
@@ -177,7 +177,7 @@ def test_what_cannot_show_is_said(linear):
     said = {(h.id, h.port): h.says for h in hidden(fit, train)}
     assert 'beyond that cannot show' in said['saturation', 'spool']
     assert ('friction', 'motor') not in said
-    quiet = fitted(record(amplitude=1e-5, noise=0.5))
+    quiet = fitted(record(amplitude=1e-5, noise=0.5, count=3))
     assert {h.id for h in hidden(quiet[0], quiet[1])} >= {'dead_zone', 'orifice', 'asymmetry'}
 
 

@@ -2,6 +2,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from functools import cache
 
 import numpy as np
 import pytest
@@ -20,38 +21,43 @@ FRICTION = ('friction', 'motor', {'coulomb': 10.0})
 BIAS = ('bias', 'motor', {'offset': 2.0})
 
 
-def grown(recording, *effects):
-    """Fit the effects to a recording; the chain, the fit without them, the context."""
-    alone, parts, held_out = fitted(recording)
-    placed = tuple(place(*effect, PLANT) for effect in effects)
-    fit = search(replace(alone.candidate, effects=placed), parts, 40)
-    findings = tuple(Finding(k, 0.0, 0.5, ()) for k in range(len(effects)))
-    return Chain(fit, findings), alone, Context(parts, held_out, (0.0, 1.0), 0, lambda _: None)
+@pytest.fixture(scope='module')
+def grown():
+    """Return a function from effects to their fit, the fit without any, and a fresh context."""
+    alone, parts, held_out = fitted(record(FRICTION, BIAS))
+
+    @cache
+    def fit(*effects):
+        placed = tuple(place(name, port, dict(values), PLANT) for name, port, values in effects)
+        return search(replace(alone.candidate, effects=placed), parts, 40)
+
+    def made(*effects):
+        findings = tuple(Finding(k, 0.0, 0.5, ()) for k in range(len(effects)))
+        found = fit(*((name, port, tuple(values.items())) for name, port, values in effects))
+        return (Chain(found, findings), alone,
+                Context(parts, held_out, (0.0, 1.0), 0, lambda _: None))
+
+    return made
 
 
 def names(chain):
     return [placed.effect.id for placed in chain.fit.candidate.effects]
 
 
-@pytest.fixture(scope='module')
-def both():
-    return record(FRICTION, BIAS)
-
-
-def test_two_that_explain_everything_are_kept(both):
-    chain, alone, context = grown(both, FRICTION, BIAS)
+def test_two_that_explain_everything_are_kept(grown):
+    chain, alone, context = grown(FRICTION, BIAS)
     assert explained_share(alone, chain.fit) == pytest.approx(1.0, abs=0.02)
     assert names(supported(chain, alone, context)) == ['friction', 'bias']
 
 
-def test_one_beside_a_larger_one_that_is_lacking_is_dropped(both):
-    chain, alone, context = grown(both, BIAS)
+def test_one_beside_a_larger_one_that_is_lacking_is_dropped(grown):
+    chain, alone, context = grown(BIAS)
     assert explained_share(alone, chain.fit) < 0.5
     assert names(supported(chain, alone, context)) == []
 
 
-def test_data_that_were_not_fitted_are_likelier_with_what_is_there(both):
-    chain, alone, context = grown(both, FRICTION, BIAS)
+def test_data_that_were_not_fitted_are_likelier_with_what_is_there(grown):
+    chain, alone, context = grown(FRICTION, BIAS)
     before, after = (residuals(fit.candidate, context.held_out) for fit in (alone, chain.fit))
     n = sum(map(len, after)) - 6 * len(after)
     ratio = np.mean(np.square(np.concatenate(before))) / np.mean(np.square(np.concatenate(after)))
@@ -62,10 +68,10 @@ def test_data_that_were_not_fitted_are_likelier_with_what_is_there(both):
 
 
 @pytest.mark.slow
-def test_the_best_fit_without_an_effect_is_remembered_in_the_order_of_the_chain(both):
+def test_the_best_fit_without_an_effect_is_remembered_in_the_order_of_the_chain(grown):
     """What an effect had drawn the others to is no good place to do without it."""
-    chain, _, context = grown(both, FRICTION, BIAS)
-    swapped = grown(both, BIAS, FRICTION)[0].fit
+    chain, _, context = grown(FRICTION, BIAS)
+    swapped = grown(BIAS, FRICTION)[0].fit
     astray = replace(chain.fit.candidate, effects=(
         *(place(name, port, {parameter: 1e3 * value}, PLANT)
           for name, port, parameter, value in (('friction', 'motor', 'coulomb', 10.0),
@@ -80,9 +86,9 @@ def test_the_best_fit_without_an_effect_is_remembered_in_the_order_of_the_chain(
 
 
 @pytest.mark.slow
-def test_an_effect_is_proven_by_the_whole_interval_of_its_improvement(both, monkeypatch):
+def test_an_effect_is_proven_by_the_whole_interval_of_its_improvement(grown, monkeypatch):
     """However much likelier the data are with it."""
-    chain, alone, context = grown(both, FRICTION, BIAS)
+    chain, alone, context = grown(FRICTION, BIAS)
     assert names(_proven(chain, alone, context)) == ['friction', 'bias']
     monkeypatch.setattr('hydro_twin.residual.chain.improvement',
                         lambda before, after, seed: Improvement(0.3, -0.11, 0.65))
@@ -91,8 +97,9 @@ def test_an_effect_is_proven_by_the_whole_interval_of_its_improvement(both, monk
 
 @pytest.mark.parametrize(('bias_helps', 'together', 'left'), [
     (0.3, 0.4, ['friction', 'bias']), (0.3, -0.1, []), (-0.1, 0.4, [])])
-def test_effects_stay_that_are_proven_only_together(both, monkeypatch, bias_helps, together, left):
-    chain, alone, context = grown(both, FRICTION, BIAS)
+def test_effects_stay_that_are_proven_only_together(grown, monkeypatch, bias_helps, together,
+                                                    left):
+    chain, alone, context = grown(FRICTION, BIAS)
     helps = iter([Improvement(0.6, 0.03, 0.9), Improvement(bias_helps, -0.2, 0.7),  # with both in
                   Improvement(0.5, -0.3, 0.8),                                      # friction only
                   Improvement(0.8, together, 0.9)])
@@ -102,9 +109,9 @@ def test_effects_stay_that_are_proven_only_together(both, monkeypatch, bias_help
     assert names(_proven(chain, alone, context)) == left
 
 
-def test_an_exchange_ends_where_two_laws_seem_better_in_turns(both, monkeypatch):
+def test_an_exchange_ends_where_two_laws_seem_better_in_turns(grown, monkeypatch):
     """As where the fit with finer steps is worse than the one that was preferred."""
-    chain, alone, context = grown(both, FRICTION, BIAS)
+    chain, alone, context = grown(FRICTION, BIAS)
     turns = []
 
     def made(candidate, residual):
@@ -132,9 +139,9 @@ def test_an_exchange_ends_where_two_laws_seem_better_in_turns(both, monkeypatch)
 
 
 @pytest.mark.slow
-def test_what_stood_beside_an_effect_that_is_dropped_is_chosen_again(both, monkeypatch):
+def test_what_stood_beside_an_effect_that_is_dropped_is_chosen_again(grown, monkeypatch):
     """A leakage beside a bias may be all that is left, and friction is what is there."""
-    chain, alone, context = grown(both, ('leakage', 'leakage', {'flow': 1e-7, 'exponent': 0.5}),
+    chain, alone, context = grown(('leakage', 'leakage', {'flow': 1e-7, 'exponent': 0.5}),
                                   BIAS)
     helps = iter([1.0, -0.1])               # of each with both in
     module = 'hydro_twin.residual.chain'
@@ -143,9 +150,9 @@ def test_what_stood_beside_an_effect_that_is_dropped_is_chosen_again(both, monke
     assert names(_proven(chain, alone, context)) == ['friction']
 
 
-def test_an_effect_that_another_replaces_as_a_simpler_law_stays(both, monkeypatch):
+def test_an_effect_that_another_replaces_as_a_simpler_law_stays(grown, monkeypatch):
     """Without the bias the hysteresis would be a constant: that it can is no proof against it."""
-    chain, alone, context = grown(both, BIAS, ('hysteresis', 'command', {'width': 0.1}))
+    chain, alone, context = grown(BIAS, ('hysteresis', 'command', {'width': 0.1}))
     helps = iter([-0.1, -0.1, 1.0])         # of each with both in, and of the one that is left
     module = 'hydro_twin.residual.chain'
     monkeypatch.setattr(f'{module}.improvement',

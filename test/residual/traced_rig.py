@@ -16,7 +16,7 @@ PLANT = PLANTS['load_simulator']
 VALUES = PLANT.constant_values() | {p.name: (p.lower * p.upper) ** 0.5 for p in PLANT.parameters}
 
 
-def record(*effects, seed=0, noise=0.5, count=3, duration=3.0, plant=PLANT, amplitude=0.1,
+def record(*effects, seed=0, noise=0.5, count=2, duration=3.0, plant=PLANT, amplitude=0.1,
            bus=0.002, values=VALUES, sensors=None):
     """Record series under random multisines; effects as (id, port, parameters).
 

@@ -47,15 +47,22 @@ def bag(path: Path, samples: int) -> Path:
     return path
 
 
+@pytest.fixture(scope='module')
+def recording(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return bag(tmp_path_factory.mktemp('compare') / 'bag', 450)
+
+
 def compare(bag: Path, out: Path, *more: str) -> int:
     return main(['compare', str(bag), '--plant', 'load_simulator', '-o', str(out), *more])
 
 
 @pytest.mark.slow
-def test_compares_everything(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_compares_everything(
+    recording: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str],
+) -> None:
     pytest.importorskip('torch')
     out = tmp_path / 'out'
-    assert compare(bag(tmp_path / 'bag', 450), out, '--runs', '3', '--json') == 0
+    assert compare(recording, out, '--runs', '3', '--json') == 0
     result = json.loads(capsys.readouterr().out)
     assert json.loads((out / 'comparison.json').read_text())['experiments'] == (
         result['experiments'])
@@ -78,14 +85,15 @@ def test_compares_everything(tmp_path: Path, capsys: pytest.CaptureFixture[str])
 
 @pytest.mark.slow
 def test_searches_the_settings_on_the_training_part(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str],
+    recording: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
 ) -> None:
     pytest.importorskip('torch')
     from hydro_twin.fitting.network_search import search
     monkeypatch.setattr('hydro_twin.studies.b19.settings.search', partial(
         search, decays=(0.0,), structures=((1,), (4,)), repeats=2))
     out = tmp_path / 'out'
-    assert compare(bag(tmp_path / 'bag', 450), out, '--runs', '1', '--search', '--json') == 0
+    assert compare(recording, out, '--runs', '1', '--search', '--json') == 0
     settings = json.loads(capsys.readouterr().out)['settings']
     assert settings['direct']['mlp']['hidden'] in ([1], [4])
     logs = sorted(file.name for file in out.glob('*.jsonl'))
