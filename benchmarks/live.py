@@ -87,8 +87,8 @@ def make_models(folder: Path) -> dict[str, Path]:
 def observed(path: Path) -> Path:
     """Write a model once more with its noise, for the observer."""
     model = read_model(path)
-    record = replace(model.record, errors={'after': {'observer': {'test': 1.0}}})
-    noise = Noise(0.5, {'x_v': 1e-8, 'p_L': 1e3, 'omega_j': 1e-2},
+    record = replace(model.record, errors={'after': {'observer': {'test': 20.0}}})
+    noise = Noise(10.0, {'x_v': 1e-8, 'p_L': 1e3, 'omega_j': 1e-2},
                   {'x_v': 1e-6, 'p_L': 1e5, 'omega_j': 0.1, 'theta_j': 1e-3})
     there = path.with_name(f'observed_{path.name}')
     write_model(replace(model, noise=noise, record=record), there)

@@ -52,6 +52,9 @@ def installed(tmp_path, cache):
     page = (ROOT / 'docs' / 'adding.md').read_text(encoding='utf-8')
     for path, text in re.findall(r'```python\n# (hydro_twin/\S+)\n(.*?)```', page, re.DOTALL):
         (package / Path(path).name).write_text(text, encoding='utf-8')
+    (package / 'config').mkdir()
+    (package / 'config' / 'accumulator.yaml').write_text(
+        re.search(r'```yaml\n# config/accumulator.yaml\n(.*?)```', page, re.DOTALL)[1])
     (about / 'METADATA').write_text('Metadata-Version: 2.1\nName: oil-lab\nVersion: 1.0\n')
     groups = tomllib.loads(re.search(r'```toml\n(.*?)```', page, re.DOTALL)[1])
     (about / 'entry_points.txt').write_text('\n'.join(
@@ -82,6 +85,31 @@ def test_an_effect_of_a_package_is_compiled_and_comes_to_rest(installed):
     done = installed('-c', CODE)
     assert done.returncode == 0, done.stderr
     assert float(done.stdout) == pytest.approx(PRESSURE, rel=1e-6)
+
+
+def test_the_signals_of_a_plant_of_a_package_are_where_the_package_says(installed, tmp_path):
+    """Without a file of ours: also where a file of the user's says it."""
+    code = """
+import sys
+from pathlib import Path
+from hydro_twin.recording.signals import load_signals
+for config in (None, *map(Path, sys.argv[1:])):
+    print(*(where.topic for where in load_signals('accumulator', ['command', 'pressure'],
+                                                  config).values()))
+"""
+    own = tmp_path / 'rig.yaml'
+    config = tmp_path / 'oil_lab' / 'config' / 'accumulator.yaml'
+    own.write_text(config.read_text().replace('/accumulator/', '/rig/'))
+    done = installed('-c', code, own)
+    assert done.returncode == 0, done.stderr
+    assert done.stdout.splitlines() == ['/accumulator/command /accumulator/pressure',
+                                        '/rig/command /rig/pressure']
+    config.unlink()
+    done = installed('-c', 'from hydro_twin.commands.main import main; main()', 'simulate',
+                     '--plant', 'accumulator', '--config', own, '-o', tmp_path / 'bag',
+                     '--duration', '1', NUMBA_DISABLE_JIT='1')
+    assert done.returncode == 0, done.stderr
+    assert (tmp_path / 'bag').is_dir()
 
 
 def command(*arguments):

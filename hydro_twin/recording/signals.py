@@ -9,6 +9,7 @@ import re
 from typing import Any
 
 from hydro_twin.errors import UserError
+from hydro_twin.plugins import plugin_files
 from hydro_twin.share import share_folder
 
 TYPE = re.compile(r'[a-zA-Z]\w*/msg/[a-zA-Z]\w*')
@@ -75,8 +76,12 @@ def split_index(path: str) -> tuple[str, str | None]:
 
 
 def default_config(plant: str) -> Path:
-    """Return the parameter file that comes with the package for a plant."""
-    return share_folder() / 'config' / f'{plant}.yaml'
+    """Return the parameter file that comes with a plant: here, or in the package it is from."""
+    own = share_folder() / 'config' / f'{plant}.yaml'
+    if own.exists():
+        return own
+    others = [path.parent / 'config' / own.name for path in plugin_files('hydro_twin.plants')]
+    return next((path for path in others if path.exists()), own)
 
 
 def load_signals(plant: str, names: Sequence[str], config: Path | None = None,
@@ -84,7 +89,8 @@ def load_signals(plant: str, names: Sequence[str], config: Path | None = None,
     """Load the signal map of a plant from a ROS parameter file.
 
     Args:
-        plant: name of the plant; what the file leaves out is as in config/PLANT.yaml.
+        plant: name of the plant; what the file leaves out is as in config/PLANT.yaml, if there
+            is one.
         names: the signals of the plant.
         config: the file, as the node reads it: `/**: ros__parameters: signals: ...`.
         optional: more signals, each in the map if the file names it.
@@ -93,13 +99,14 @@ def load_signals(plant: str, names: Sequence[str], config: Path | None = None,
         UserError: the file cannot be read, is for another plant, or a signal in it is unknown or
             wrong.
     """
-    defaults = load_parameters(default_config(plant))
+    usual = default_config(plant)
+    defaults = load_parameters(usual) if config is None or usual.exists() else {}
     given = defaults if config is None else load_parameters(config)
     names = [*names, *(name for name in optional if is_named(name, given))]
     parameters = {key: value for key, value in defaults.items()
                   if not key.startswith('signals.') or key.split('.')[1] in names} | (
                       {} if config is None else given)
-    source = str(config or default_config(plant))
+    source = str(config or usual)
     if parameters.get('plant', '') not in ('', plant):
         raise UserError(f'{source}: for the plant {parameters["plant"]}, not {plant}')
     # A name without a slash is relative to the namespace of the node, which a bag does not have.

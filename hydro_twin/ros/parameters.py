@@ -21,6 +21,7 @@ from hydro_twin.recording.signals import (
 
 OFFLINE = ('constants.', 'sample_time')   # of the same file, for the offline verbs
 PREFIX = 'signals.'
+NEUTRAL = {'scale': 1.0, 'offset': 0.0}         # of a signal whose default says nothing of these
 
 
 def declare_parameters(node: Node, settings: Sequence[Setting] = SETTINGS) -> None:
@@ -81,7 +82,8 @@ class SignalParameters:
         for signal in self._signals:
             for attribute in ('topic', 'type', 'field', 'scale', 'offset'):
                 key = f'{PREFIX}{signal.name}.{attribute}'
-                node.declare_parameter(key, defaults[key], ParameterDescriptor(
+                default = defaults.get(key, NEUTRAL.get(attribute))
+                node.declare_parameter(key, default, ParameterDescriptor(
                     description=f'{attribute} of the {signal.meaning} [{signal.unit}]',
                     dynamic_typing=attribute in ('scale', 'offset')))
                 self._declared.append(key)
