@@ -26,7 +26,7 @@ fleet-demo: $(UV)
 
 # A rig that begins to rub and then has play, in real time, and the models that come of it.
 loop: $(UV)
-	@echo 'Five to eight minutes on two cores that are free.' >&2
+	@echo 'Four minutes on two cores that are free, up to eight on others.' >&2
 	$(DEV) bags/loop.py out/loop
 	@echo "See out/loop/loop.html."
 

@@ -21,7 +21,7 @@ def initial_states(model: Model, parts: Sequence[Part]) -> list[Start]:
     response = system.free_response(max(lengths))
     for part, n in zip(parts, lengths, strict=True):
         least = max(1e-3 * rms(part.measured), 1e-12)
-        (stage, *_), *_ = system.stretches(1, part.start)
+        stage = system.stage_at(part.start)
         found.append(find_start(system.stages[stage], tangents[stage], response[:n],
                                 part.inputs[:n], part.measured[:n], least))
     return found

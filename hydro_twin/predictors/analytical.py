@@ -200,9 +200,8 @@ class Observed(FreeRun):
         """Predict the output of the next sample; see `Stepper`."""
         self.take(inputs, measured, self.system.at(stamp))
         self.measured[self.k] = measured
-        (stage, *_), *_ = self.system.stretches(1, stamp)
-        self.observation.advance(stage, self.inputs, self.measured, self.k, self.k + 1,
-                                 self.results, self.estimates)
+        self.observation.advance(self.system.stage_at(stamp), self.inputs, self.measured, self.k,
+                                 self.k + 1, self.results, self.estimates)
         return float(self.results[self.k, 0])
 
     def take(self, inputs: FloatArray, measured: float, system: System) -> None:

@@ -56,11 +56,15 @@ class System:
 
     def at(self, stamp: int | None) -> System:
         """Return the system that holds at a stamp [ns]; None stands for now."""
+        return self.stages[self.stage_at(stamp)] if self.earlier else self
+
+    def stage_at(self, stamp: int | None) -> int:
+        """Return the index of the stage that holds at a stamp [ns]; None stands for now."""
         if stamp is not None:
-            for until, system in self.earlier:
+            for k, (until, _) in enumerate(self.earlier):
                 if stamp < until:
-                    return system
-        return self
+                    return k
+        return len(self.earlier)
 
     def stretches(self, samples: int, start: int | None) -> Iterator[tuple[int, int, int]]:
         """Divide a run among the stages that hold in it.
