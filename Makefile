@@ -43,7 +43,7 @@ types: $(UV)
 	$(DEV) mypy
 
 tests: $(UV)
-	$(DEV) pytest -n 3 --dist loadfile --no-loadscope-reorder $(if $(CI),-m 'not measured')
+	$(DEV) pytest -n 2 --dist loadfile --no-loadscope-reorder $(if $(CI),-m 'not measured')
 
 # The pages of docs/ and a reference of the docstrings, in out/docs/index.html.
 docs: $(UV)

@@ -58,16 +58,6 @@ class Slow(NamedTuple):
     compliance_slopes: FloatArray
 
 
-def _slow(count: int, M: int, H: int, K: int) -> Slow:
-    """Allocate it."""
-    now, at, far, low, high, p = np.zeros((6, count))
-    return Slow(now, at, far, low, high, np.full(count, -1), p, np.zeros(M), np.zeros(H),
-                np.zeros(K), np.zeros((count, M)), np.zeros((count, H)), np.zeros((count, K)))
-
-
-NOBODY = _slow(0, 0, 0, 0)
-
-
 @compiled
 def moved(values, rows, base, slopes, slow, walking):  # type: ignore[no-untyped-def]
     """Set values to base plus what the parameters add, and their derivatives likewise."""
@@ -124,12 +114,12 @@ class Followed:
 
     def slow(self) -> Slow:
         """Begin a run."""
-        step = self.system.step
-        slow = _slow(len(self.names), step.M.size, step.H.size, len(step.effects))
-        slow.low[:], slow.high[:], slow.entry[:], slow.p[:] = (
-            self.low, self.high, self.index, self.base)
-        slow.far[:] = np.where(self.index < 0, FAR, math.inf)
-        return slow
+        step, count = self.system.step, len(self.names)
+        return Slow(np.zeros(count), np.zeros(count), np.where(self.index < 0, FAR, math.inf),
+                    self.low.copy(), self.high.copy(), self.index.copy(), self.base.copy(),
+                    *(np.zeros(size) for size in (step.M.size, step.H.size, len(step.effects))),
+                    *(np.zeros((count, size))
+                      for size in (step.M.size, step.H.size, len(step.effects))))
 
     def stage(self, slow: Slow, columns: int) -> tuple[Step, Tangent]:
         """Make the matrices for where the parameters are now, and the step that moves with them.

@@ -17,11 +17,17 @@ from scipy.linalg import expm
 
 from hydro_twin.compiled import compiled
 from hydro_twin.plants.plant import FloatArray, Laws
-from hydro_twin.predictors.follow import follow_by, Followed, NOBODY
+from hydro_twin.predictors.follow import follow_by, Followed
 from hydro_twin.predictors.kernel import LIMIT
 from hydro_twin.predictors.quantities import quantities_of
 from hydro_twin.predictors.rows import in_rows, WIDTH
-from hydro_twin.predictors.step_derivatives import advance, output, partials, Rows, rows_for
+from hydro_twin.predictors.step_derivatives import (
+    advance,
+    divided,
+    output,
+    partials,
+    room_for,
+)
 from hydro_twin.predictors.system import System
 from hydro_twin.predictors.tangents import NONE, tangent_of
 
@@ -31,7 +37,7 @@ if TYPE_CHECKING:
 # A predicted output this many times as uncertain as the plant's largest says nothing any more: the
 # covariance begins anew. It bounds what grows while nothing is measured.
 USELESS = 1e3
-UNWANTED = np.empty((0, 0))
+UNWANTED = np.empty((0, 0))     # gains that nobody asks for
 
 
 class Filter(NamedTuple):
@@ -62,16 +68,16 @@ class Scratch(NamedTuple):
 
     Attributes:
         S: root of the covariance of states, memory and parameters, (N, C).
-        rows: derivatives, of which those of states and memory are views of S.
-        walking: the rows of S of the parameters.
+        blocks: the same as rows of derivatives.
+        room: for the other rows of a step.
         work: of the kernel.
         g: partial derivatives of a law.
         v: a row of S.
     """
 
     S: FloatArray
-    rows: Rows
-    walking: FloatArray
+    blocks: FloatArray
+    room: FloatArray
     work: FloatArray
     g: FloatArray
     v: FloatArray
@@ -136,17 +142,20 @@ def run(  # type: ignore[no-untyped-def]
     gets the prediction and the variance of the innovation; estimates (M, 2, R), if not empty, what
     is known after the measurement, and its standard deviation; gains (M, n + memory), if not
     empty, by how much of the innovation state and memory moved. A run that diverges is left at nan
-    from there on. Returns the sample after the last one done: it ends early where a parameter has
-    moved so far that the matrices must be made anew.
+    from there on. slow is None where no parameter is followed: that is compiled by itself, since
+    to pass what is not needed would take as long as the rest. Returns the sample after the last
+    one done: it ends early where a parameter has moved so far that the matrices must be made anew.
     """
-    S, rows, walking, work, g, v = scratch
+    S, blocks, room, work, g, v = scratch
     n, N, w, used = len(x), len(S), len(z), filter_.used
-    m, q = len(step.shift), slow.now
+    m = len(step.shift)
+    q = x[:0] if slow is None else slow.now
     P = step.H.shape[1] - n - m
+    rows, walking = divided(blocks[:n], blocks[n:n + w], room, m, P), blocks[n + w:]
     slope = v[:used]
     for k in range(begin, end):
         if k > 0:
-            if len(q) > 0:
+            if slow is not None:
                 follow_by(step, tangent, slow, walking)
             advance(step, tangent, x, z, work, rows, g, inputs, k)
             for i in range(n):
@@ -155,7 +164,7 @@ def run(  # type: ignore[no-untyped-def]
             for i in range(len(q)):
                 S[n + w + i, N + n + i] = filter_.walks[i]
             triangularise(S, used, v)
-        if len(q) > 0:
+        if slow is not None:
             follow_by(step, tangent, slow, walking)
         y = output(step, tangent, x, z, work, rows, g, inputs, k, slope)
         if not abs(y) < LIMIT:
@@ -186,7 +195,7 @@ def run(  # type: ignore[no-untyped-def]
                     x[i] += covariance / variance * innovation
                 elif i < n + w:
                     z[i - n] += covariance / variance * innovation
-                else:
+                elif slow is not None:
                     c = i - n - w
                     q[c] = min(max(q[c] + covariance / variance * innovation, slow.low[c]),
                                slow.high[c])
@@ -196,9 +205,10 @@ def run(  # type: ignore[no-untyped-def]
                     gains[k, i] = covariance / variance
         if len(estimates) > 0:
             show(filter_.shown, S, x, z, q, work[1, :m], work[5, :P], v, estimates[k])
-        for i in range(len(q)):
-            if abs(q[i] - slow.at[i]) > slow.far[i]:
-                return k + 1
+        if slow is not None:
+            for i in range(len(q)):
+                if abs(q[i] - slow.at[i]) > slow.far[i]:
+                    return k + 1
     return end
 
 
@@ -209,13 +219,12 @@ class Observation:
         """Begin with the covariance of the start; state and memory are moved in place."""
         self.observer, self.x, self.z = observer, x, z
         system, blocks = observer.system, in_rows(observer.filter.start)
-        n, w, S = len(x), len(z), blocks.reshape(len(blocks), -1)
-        rows = rows_for(system, blocks.shape[1])._replace(X=blocks[:n], Z=blocks[n:n + w])
-        self.scratch = Scratch(S, rows, blocks[n + w:], system.work(), partials(system),
-                               np.zeros(S.shape[1]))
-        self.slow = observer.followed.slow() if observer.followed else NOBODY
+        S = blocks.reshape(len(blocks), -1)
+        self.scratch = Scratch(S, blocks, room_for(system, blocks.shape[1]), system.work(),
+                               partials(system), np.zeros(S.shape[1]))
+        self.slow = observer.followed.slow() if observer.followed else None
         self.stages = observer.stages
-        if observer.followed:
+        if observer.followed and self.slow:
             self.stages = (observer.followed.stage(self.slow, observer.columns),)
 
     def advance(self, stage: int, inputs: FloatArray, measured: FloatArray, first: int, last: int,
@@ -225,15 +234,16 @@ class Observation:
             first = run(*self.stages[min(stage, len(self.stages) - 1)], self.observer.filter,
                         self.scratch, self.slow, self.x, self.z, inputs, measured, first, last,
                         results, estimates, gains)
-            followed = self.observer.followed
-            if followed and (np.abs(self.slow.now - self.slow.at) > self.slow.far).any():
-                self.stages = (followed.stage(self.slow, self.observer.columns),)
+            followed, slow = self.observer.followed, self.slow
+            if followed and slow and (np.abs(slow.now - slow.at) > slow.far).any():
+                self.stages = (followed.stage(slow, self.observer.columns),)
 
     def copy(self) -> Observation:
         """Copy it, to go on with while this one stays."""
         other = Observation(self.observer, self.x.copy(), self.z.copy())
         other.scratch.S[:] = self.scratch.S
-        if followed := self.observer.followed:
+        followed = self.observer.followed
+        if followed and self.slow and other.slow:
             other.slow.now[:] = self.slow.now
             other.stages = (followed.stage(other.slow, self.observer.columns),)
         return other

@@ -54,6 +54,23 @@ def rows_for(system: System, blocks: int) -> Rows:
                   for count in (n, W, m, m, P, P, n, n, W, SPARE)))
 
 
+def room_for(system: System, blocks: int) -> FloatArray:
+    """Allocate what `divided` divides among the rows but X and Z."""
+    rows = rows_for(system, blocks)
+    return zeros(sum(map(len, rows)) - len(rows.X) - len(rows.Z), blocks)
+
+
+@compiled
+def divided(X, Z, room, m, P):  # type: ignore[no-untyped-def]
+    """Make `Rows` of X, Z and room for the others: to pass one array takes a tenth of ten."""
+    n, W = len(X), len(Z)
+    D0 = 2 * m
+    L = D0 + 2 * P
+    Z_next = L + 2 * n
+    return Rows(X, Z, room[:m], room[m:D0], room[D0:D0 + P], room[D0 + P:L], room[L:L + n],
+                room[L + n:Z_next], room[Z_next:Z_next + W], room[Z_next + W:])
+
+
 def partials(system: System) -> FloatArray:
     """Allocate what derivatives of a law are written to, twice."""
     return np.zeros((2, 1 + system.memory, 5 + len(system.step.p) + system.memory))
