@@ -76,6 +76,7 @@ class Keeper:
         self.challenger: Version | None = None
         self.lacking = ''
         self._settled: int | None = None   # when the residual had risen, on the steady clock [ns]
+        self._due: int | None = None       # when a capture is made without an event
         self._standing: int | None = None  # since when the model does not hold, or the last try
 
     # What comes in
@@ -153,7 +154,8 @@ class Keeper:
         troubles: list[str] = []
         for step in (self.jobs.poll, self._settle, partial(self._capture, now),
                      lambda: self.twin.work(now, self.champion), self._trace,
-                     lambda: self.judge.work(self.mode), partial(self._again, now)):
+                     lambda: self.judge.work(self.mode), partial(self._again, now),
+                     partial(self._regularly, now)):
             try:
                 step()
             except Exception as error:
@@ -253,6 +255,17 @@ class Keeper:
         elif now - self._standing > pause * SECOND:
             self._standing = now
             self.ask(now, 'the model still does not hold')
+
+    def _regularly(self, now: int) -> None:
+        """Capture without an event, if that is wanted, where nothing else is being done."""
+        every = self.get('every')
+        if not every:
+            self._due = None
+        elif self._due is None:
+            self._due = now + round(every * SECOND)
+        elif now >= self._due and not self.busy:
+            self._due = now + round(every * SECOND)
+            self.ask(now, f'every {every:g} s')
 
     # What is reported
 

@@ -22,6 +22,8 @@ SETTINGS = (
             '[MiB]', bounds=(1.0, 65536.0)),
     Setting('again', 3600.0, 'how long after a capture the next one is made where the model still '
             'does not hold [s]; 0: never', bounds=(0.0, 1e7)),
+    Setting('every', 0.0, 'how often a capture is made without an event [s]; 0: never',
+            bounds=(0.0, 1e8)),
     Setting('topics', ('',), 'more topics to capture', read_only=True),
     Setting('captures', 20.0, 'how many captured stretches are kept on the disk',
             bounds=(1.0, 1e6)),
@@ -38,6 +40,8 @@ SETTINGS = (
     Setting('trial_least', 60.0, 'how long a challenger is judged at least [s]',
             bounds=(0.0, 86400.0)),
     Setting('trial', 1800.0, 'how long it is judged at most [s]', bounds=(1.0, 1e7)),
+    Setting('limits', ('',), 'between which values auto promotes a parameter, NAME=LOW..HIGH, of '
+            'an effect ID@PORT:NAME; a model beyond them is only recommended'),
     Setting('probation', 86400.0, 'how long a new champion is judged against its predecessor at '
             'most [s]; 0: not at all', bounds=(0.0, 1e8)),
 )

@@ -9,6 +9,7 @@ from hydro_twin.errors import ModelError
 from hydro_twin.keep.duel import Duel, Rules
 from hydro_twin.keep.follow import BY
 from hydro_twin.keep.jobs import Jobs
+from hydro_twin.keep.limits import beyond, parse
 from hydro_twin.keep.settings import AUTO, OBSERVE
 from hydro_twin.live.models import Choice, load_twin, same_inputs
 from hydro_twin.live.twin import Twin
@@ -128,12 +129,14 @@ class Judge:
         if outcome == 'better':
             policy = self.get('policy')
             self.drop()
-            if policy == AUTO:
+            why = '; '.join(beyond(pair.other.model(), parse(self.get('limits'))))
+            if policy == AUTO and not why:
                 self.promote(pair.other, f'{BY}, policy {policy}', evidence)
             else:
-                self.store.decide(pair.other.name, RECOMMENDED, f'{BY}, policy {policy}', evidence)
+                self.store.decide(pair.other.name, RECOMMENDED, f'{BY}, policy {policy}', evidence,
+                                  why)
                 self.announce('recommended', version=pair.other.name, evidence=evidence,
-                              changed=pair.other.record['changed'])
+                              changed=pair.other.record['changed'], why=why)
         elif outcome == 'worse':
             self._discard(pair, evidence, 'its residual is larger than that of the champion')
         elif duel.seconds >= self.get('trial'):

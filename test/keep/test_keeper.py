@@ -14,6 +14,7 @@ from store_models import write
 from hydro_twin.errors import UserError
 from hydro_twin.keep import keeper as module
 from hydro_twin.keep.keeper import Keeper
+from hydro_twin.keep.limits import parse
 from hydro_twin.keep.ring import SECOND
 from hydro_twin.keep.settings import SETTINGS
 from hydro_twin.keep.tracing import NotEnoughError, TraceError
@@ -159,6 +160,39 @@ def test_a_challenger_that_is_no_better_is_discarded(loop: Loop, ours, theirs, w
     last = loop.keeper.store.version('0002').decisions[-1]
     assert last['what'] == 'discarded'
     assert last['why'].startswith(why)
+
+
+@pytest.mark.parametrize(('most', 'champion'), [(5.0, '0001'), (20.0, '0002')])
+def test_beyond_its_limits_a_model_is_only_recommended(loop: Loop, most, champion) -> None:
+    loop.values['limits'] = (f'friction@motor:coulomb=0..{most:g}', 'rate@spool:limit=0..1')
+    loop.tick(2)
+    loop.keeper.ask(loop.now, 'a test')
+    loop.judged(4.0, 1.0)
+    assert loop.champion() == champion
+    if most < 10.0:
+        event, about = loop.announced[-1]
+        assert event == 'recommended'
+        assert about['why'] == 'friction@motor:coulomb 10 is not within 0 to 5'
+        assert loop.keeper.store.version('0002').decisions[-1]['why'] == about['why']
+        assert loop.keeper.promote('me') == 'version 0002 is the champion'
+
+
+@pytest.mark.parametrize('entry', ['B_m', 'B_m=1', '=1..2', 'B_m=2..1', 'B_m=a..b', 'B_m=1..2..3'])
+def test_limits_that_are_none_are_refused(entry: str) -> None:
+    assert parse(['', 'B_m=-1..2e3']) == {'B_m': (-1.0, 2000.0)}
+    with pytest.raises(UserError, match=r'LOW\.\.HIGH is needed'):
+        parse([entry])
+
+
+def test_a_capture_is_made_every_so_often(loop: Loop) -> None:
+    loop.values['every'], loop.finds = 50.0, None
+    loop.tick(50)
+    assert 'captured' not in loop.events()
+    loop.until(lambda: 'failed' in loop.events())
+    assert [about['why'] for event, about in loop.announced if event == 'captured'] == [
+        ['every 50 s']]
+    loop.tick(60)
+    loop.until(lambda: loop.events().count('captured') == 2)
 
 
 @pytest.mark.parametrize('policy', ['observe', 'ask'])

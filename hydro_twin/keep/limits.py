@@ -1,0 +1,44 @@
+"""Between which values the evidence alone may promote a parameter."""
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+import math
+
+from hydro_twin.errors import UserError
+from hydro_twin.model import Model
+
+
+def parse(entries: Sequence[str]) -> dict[str, tuple[float, float]]:
+    """Read limits, each NAME=LOW..HIGH; an empty text stands for none.
+
+    Raises:
+        UserError: one is not of this form, or its lower limit is above the upper.
+    """
+    found = {}
+    for entry in filter(None, entries):
+        name, _, span = entry.partition('=')
+        try:
+            low, high = map(float, span.split('..'))
+        except ValueError:
+            low = high = math.nan
+        if not (name and low <= high):
+            raise UserError(f'limits: {entry!r}: NAME=LOW..HIGH is needed, as B_m=10..100 or '
+                            'friction@motor:coulomb=0..20')
+        found[name] = low, high
+    return found
+
+
+def beyond(model: Model, limits: Mapping[str, tuple[float, float]]) -> list[str]:
+    """Say which parameters of a model are beyond their limits.
+
+    Args:
+        model: the model.
+        limits: by name; of a parameter of an effect ID@PORT:NAME. What the model does not have
+            is within any limits.
+    """
+    values = {**model.values, **{
+        f'{placed.effect.id}@{placed.port.name}:{name}': value
+        for placed in model.effects for name, value in placed.named.items()}}
+    return [f'{name} {values[name]:.4g} is not within {low:g} to {high:g}'
+            for name, (low, high) in limits.items()
+            if name in values and not low <= values[name] <= high]
