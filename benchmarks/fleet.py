@@ -14,7 +14,7 @@ machine changes less. The results of all ways are compared.
 from __future__ import annotations
 
 import argparse
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from concurrent.futures import Executor, ProcessPoolExecutor
 import contextlib
 from contextlib import ExitStack
@@ -48,7 +48,7 @@ def main() -> int:
     print(f'load of the machine at the beginning: {os.getloadavg()[0]:.1f}')
     with tempfile.TemporaryDirectory() as name, ExitStack() as stack:
         folder = Path(name)
-        (task,) = recorded(folder, 1)
+        (task,) = recorded(folder, [''])
         ways, start = begun(stack)
         print(f'start of the engine with two workers: {start:.1f} s')
         for way, trace in ways.items():             # imports and compiled code
@@ -102,14 +102,15 @@ def begun(stack: ExitStack) -> tuple[dict[str, Callable[[list[Item]], list[float
             '2 workers': lambda items: by_engine(items, two)}, start
 
 
-def recorded(folder: Path, count: int) -> list[Task]:
-    """Simulate bags; returns their tasks."""
-    for k in range(count):
+def recorded(folder: Path, effects: Sequence[str]) -> list[Task]:
+    """Simulate a bag with each effect, '' of a rig without; returns their tasks."""
+    for k, effect in enumerate(effects):
         with contextlib.redirect_stdout(io.StringIO()):
             hydro_twin(['simulate', '--plant', PLANT, '--noise', '5e-3', '--duration', '200',
                         '--excitation', 'command=steps', '--seed', str(k),
+                        *(('--effect', effect) if effect else ()),
                         '-o', str(folder / f'bag_{k}')])
-    rows = [f'rig {k},{PLANT},bag_{k}' for k in range(count)]
+    rows = [f'rig {k},{PLANT},bag_{k}' for k in range(len(effects))]
     (folder / 'fleet.csv').write_text('\n'.join(['name,plant,bags', *rows]), encoding='utf-8')
     return read_manifest(folder / 'fleet.csv')
 

@@ -46,7 +46,7 @@ def main() -> int:
     wrong = again = 0
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
-        recorded(folder, args.rigs)
+        recorded(folder, [''] * args.rigs)
         with cluster(folder, WORKERS) as found, watched(folder / 'whole') as begun:
             process = started(folder, folder / 'whole', found.address)
             wait_for_a_trace(process, begun)

@@ -10,9 +10,7 @@ round on, since what a trace imports and compiles is there by then.
 from __future__ import annotations
 
 import argparse
-import contextlib
 from functools import partial
-import io
 import os
 from pathlib import Path
 import sys
@@ -20,12 +18,10 @@ import tempfile
 
 import numpy as np
 
-from hydro_twin.commands.main import main as hydro_twin
+from benchmarks.fleet import recorded
 from hydro_twin.fleet.engine import dask_executor, work
-from hydro_twin.fleet.manifest import read_manifest, Task
 from hydro_twin.fleet.task import run
 
-PLANT = 'control_valve'
 EFFECTS = ('backlash@stem:gap=0.03', 'saturation@stem:lower=-10,upper=0.6', 'delay@command:time=3')
 RIGS = 10
 EVERY = 3               # rig has an effect
@@ -39,7 +35,9 @@ def main() -> int:
     count = parser.parse_args().traces
     with tempfile.TemporaryDirectory() as name, dask_executor('', 1, lambda _: None) as engine:
         folder = Path(name)
-        tasks = recorded(folder)
+        tasks = recorded(folder, [
+            EFFECTS[k // EVERY % len(EFFECTS)] if k % EVERY == EVERY - 1 else ''
+            for k in range(RIGS)])
         found = []
         for k in range(1, count // RIGS + 1):
             for _, came in work(partial(run, folder=folder / str(k), seed=0), tasks, engine):
@@ -55,20 +53,6 @@ def main() -> int:
     slope = np.polyfit(traces, memories, 1)[0]
     print(f'from {traces[0]} traces on: {slope / 1024:+.1f} KiB a trace')
     return 0
-
-
-def recorded(folder: Path) -> list[Task]:
-    """Simulate a bag of 200 samples of each rig; returns their tasks."""
-    for k in range(RIGS):
-        effect = EFFECTS[k // EVERY % len(EFFECTS)] if k % EVERY == EVERY - 1 else ''
-        with contextlib.redirect_stdout(io.StringIO()):
-            hydro_twin(['simulate', '--plant', PLANT, '--noise', '5e-3', '--duration', '200',
-                        '--excitation', 'command=steps', '--seed', str(k),
-                        *(('--effect', effect) if effect else ()),
-                        '-o', str(folder / f'bag_{k}')])
-    rows = [f'rig {k},{PLANT},bag_{k}' for k in range(RIGS)]
-    (folder / 'fleet.csv').write_text('\n'.join(['name,plant,bags', *rows]), encoding='utf-8')
-    return read_manifest(folder / 'fleet.csv')
 
 
 def resident() -> tuple[int, int]:

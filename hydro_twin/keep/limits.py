@@ -3,9 +3,12 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 import math
+from typing import TYPE_CHECKING
 
 from hydro_twin.errors import UserError
-from hydro_twin.model import Model
+
+if TYPE_CHECKING:
+    from hydro_twin.model import Model
 
 
 def parse(entries: Sequence[str]) -> dict[str, tuple[float, float]]:

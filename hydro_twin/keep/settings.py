@@ -1,6 +1,7 @@
 """The parameters of `keep`, its signals aside."""
 from __future__ import annotations
 
+from hydro_twin.keep.limits import parse
 from hydro_twin.live.settings import Setting
 
 OBSERVE, ASK, AUTO = 'observe', 'ask', 'auto'
@@ -41,7 +42,7 @@ SETTINGS = (
             bounds=(0.0, 86400.0)),
     Setting('trial', 1800.0, 'how long it is judged at most [s]', bounds=(1.0, 1e7)),
     Setting('limits', ('',), 'between which values auto promotes a parameter, NAME=LOW..HIGH, of '
-            'an effect ID@PORT:NAME; a model beyond them is only recommended'),
+            'an effect ID@PORT:NAME; a model beyond them is only recommended', check=parse),
     Setting('probation', 86400.0, 'how long a new champion is judged against its predecessor at '
             'most [s]; 0: not at all', bounds=(0.0, 1e8)),
 )

@@ -114,9 +114,8 @@ def _explanations(suspect: Suspect, walk: float, before: _Explanation | None = N
                       passing[:, at:at + len(ports[index].signals)])
 
     found = []
-    for law, rows in laws.items():
-        if before and law != before.law:
-            continue
+    for law in (before.law,) if before else laws:
+        rows = laws[law]()
         responses = suspect.responses(plain, np.vstack([np.ones(rows.shape[1]), rows]))
         gain, coefficients = integrated(responses[:, begin - onset:], plain.innovation[begin:])
         found.append(_Explanation(suspect, law, walk, plain.likelihood(begin) + gain,

@@ -1,8 +1,11 @@
 """The parameters of the node, its signals aside: name, default, meaning, limits."""
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from typing import Any
+
+from hydro_twin.errors import UserError
 
 
 @dataclass(frozen=True)
@@ -13,6 +16,7 @@ class Setting:
         default: of a list of texts, a tuple; one empty text stands for none.
         choices: all that a text may be, if that is known here.
         bounds: of a number, both included.
+        check: raises a UserError for a value that cannot be.
         read_only: it is read at the start of the node and never again.
     """
 
@@ -22,11 +26,17 @@ class Setting:
     choices: tuple[str, ...] = ()
     bounds: tuple[float, float] | None = None
     read_only: bool = False
+    check: Callable[[Any], object] | None = None
 
     def objection(self, value: object) -> str:
         """Say why the parameter cannot have a value of the right type, or ''."""
         if self.choices and value not in self.choices:
             return f'{self.name} {value!r}: there are {" and ".join(self.choices)}'
+        if self.check is not None:
+            try:
+                self.check(value)
+            except UserError as error:
+                return str(error)
         if self.bounds is None:
             return ''
         low, high = self.bounds

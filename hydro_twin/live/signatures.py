@@ -1,7 +1,8 @@
 """What an unknown input at a port may depend on: families of laws with coefficients."""
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
+from functools import partial
 import math
 
 import numpy as np
@@ -17,7 +18,8 @@ LOOPS = tuple(0.03 * 2.0 ** (0.5 * k) for k in range(9))
 LAGS = (1.0, 2.0, 4.0, 8.0, 16.0, 32.0)
 
 
-def signatures(port: Port, value: FloatArray, signals: FloatArray) -> Mapping[str, FloatArray]:
+def signatures(port: Port, value: FloatArray, signals: FloatArray
+               ) -> Mapping[str, Callable[[], FloatArray]]:
     """List the families of laws at a port.
 
     Args:
@@ -26,13 +28,14 @@ def signatures(port: Port, value: FloatArray, signals: FloatArray) -> Mapping[st
         signals: what an effect may read there beside, (N, as many as the port declares).
 
     Returns:
-        By what the law depends on, the signatures whose sum, each times a coefficient, it is,
-        (how many, N): curves over the value, its rate of change and the signals, loops, and lags.
+        By what the law depends on, a function that makes the signatures whose sum, each times a
+        coefficient, it is, (how many, N): curves over the value, its rate of change and the
+        signals, loops, and lags.
     """
     read = {'value': value, 'rate': np.diff(value, prepend=value[0]),
             **dict(zip(port.signals, signals.T, strict=True))}
-    return {**{name: curve(signal) for name, signal in read.items()}, 'loop': loops(value),
-            'lag': lags(value)}
+    return {**{name: partial(curve, signal) for name, signal in read.items()},
+            'loop': partial(loops, value), 'lag': partial(lags, value)}
 
 
 def curve(signal: FloatArray) -> FloatArray:

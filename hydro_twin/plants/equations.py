@@ -109,8 +109,8 @@ def rows_of(equations: Equations, values: Mapping[str, float], states: Sequence[
     if passed.sensors.keys() != set(sensors):
         raise ModelError(f'the equations give the sensors {", ".join(passed.sensors)}; declared '
                          f'are {", ".join(sensors)}')
-    of_states, of_sensors = [rates[name] for name in states], [
-        passed.sensors[name] for name in sensors]
+    of_states = [rates[name] for name in states]
+    of_sensors = [passed.sensors[name] for name in sensors]
     shape = np.broadcast_shapes(*(row.shape for row in [
         *of_states, *passed.values, *passed.signals, *of_sensors]))
     return (_stacked(of_states, shape), _stacked(passed.values, shape),

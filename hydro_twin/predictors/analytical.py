@@ -165,22 +165,23 @@ class FreeRun:
 
     def step(self, inputs: FloatArray, measured: float, stamp: int | None = None) -> float:
         """Predict the output of the next sample; see `Stepper`."""
-        s = self.system.at(stamp) if self.system.earlier else self.system
-        self.k += 1
-        if self.k == len(self.inputs):
-            self.make_room()
-        self.inputs[self.k] = inputs
+        s = self.system.at(stamp)
+        self.take(inputs, measured, s)
         if self.k == 0:
-            self.x[:] = s.start(inputs, _first(measured))
             y = kernel.output(s.step, self.x, self.z, self.work, self.inputs, 0)
         else:
             y = kernel.live_step(self.x, self.z, self.work, self.inputs, self.k, *s.step)
         return y if abs(y) < kernel.LIMIT else math.nan
 
-    def make_room(self) -> None:
-        """Go on from the start of what is kept of the samples, with as many as are needed."""
-        self.inputs[:self.keep] = self.inputs[self.keep:]
-        self.k = self.keep
+    def take(self, inputs: FloatArray, measured: float, system: System) -> None:
+        """Keep the inputs of the next sample; the first one sets the state."""
+        self.k += 1
+        if self.k == len(self.inputs):
+            self.inputs[:self.keep] = self.inputs[self.keep:]
+            self.k = self.keep
+        self.inputs[self.k] = inputs
+        if self.k == 0:
+            self.x[:] = system.start(inputs, _first(measured))
 
 
 class Observed(FreeRun):
@@ -197,21 +198,18 @@ class Observed(FreeRun):
 
     def step(self, inputs: FloatArray, measured: float, stamp: int | None = None) -> float:
         """Predict the output of the next sample; see `Stepper`."""
-        self.k += 1
-        if self.k == len(self.inputs):
-            self.make_room()
-        self.inputs[self.k], self.measured[self.k] = inputs, measured
-        if self.k == 0:
-            self.x[:] = self.system.at(stamp).start(inputs, _first(measured))
+        self.take(inputs, measured, self.system.at(stamp))
+        self.measured[self.k] = measured
         self.observation.advance(self.system.stage_at(stamp), self.inputs, self.measured, self.k,
                                  self.k + 1, self.results, self.estimates)
         return float(self.results[self.k, 0])
 
-    def make_room(self) -> None:
-        """Go on as a free run does, with what belongs to the samples beside their inputs."""
-        for kept in (self.measured, self.results, self.estimates):
-            kept[:self.keep] = kept[self.keep:]
-        super().make_room()
+    def take(self, inputs: FloatArray, measured: float, system: System) -> None:
+        """Keep the inputs of the next sample, and what belongs to those before it."""
+        if self.k + 1 == len(self.inputs):
+            for kept in (self.measured, self.results, self.estimates):
+                kept[:self.keep] = kept[self.keep:]
+        super().take(inputs, measured, system)
 
     @property
     def estimate(self) -> FloatArray:

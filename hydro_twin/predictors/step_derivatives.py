@@ -46,18 +46,21 @@ class Rows(NamedTuple):
     spare: FloatArray
 
 
-def rows_for(system: System, blocks: int) -> Rows:
-    """Return rows of zeros, so many blocks of `WIDTH` columns."""
+def _counts(system: System) -> tuple[int, ...]:
+    """Say how many rows there are of each kind, in the order of `Rows`."""
     n, m, W, P = (len(system.laws.A), len(system.step.shift), system.memory,
                   len(system.plant.ports))
-    return Rows(*(zeros(count, blocks)
-                  for count in (n, W, m, m, P, P, n, n, W, SPARE)))
+    return n, W, m, m, P, P, n, n, W, SPARE
+
+
+def rows_for(system: System, blocks: int) -> Rows:
+    """Return rows of zeros, so many blocks of `WIDTH` columns."""
+    return Rows(*(zeros(count, blocks) for count in _counts(system)))
 
 
 def room_for(system: System, blocks: int) -> FloatArray:
     """Allocate what `divided` divides among the rows but X and Z."""
-    rows = rows_for(system, blocks)
-    return zeros(sum(map(len, rows)) - len(rows.X) - len(rows.Z), blocks)
+    return zeros(sum(_counts(system)[2:]), blocks)
 
 
 @compiled

@@ -21,7 +21,6 @@ from std_srvs.srv import Trigger
 
 from hydro_twin.errors import UserError
 from hydro_twin.keep.keeper import Keeper
-from hydro_twin.keep.limits import parse
 from hydro_twin.keep.settings import SETTINGS
 from hydro_twin.ros.announcer import diagnostic_array
 from hydro_twin.ros.keep_inputs import Inputs
@@ -79,11 +78,6 @@ class KeepNode(Node):
         for parameter in parameters:
             if reason := objection(parameter.name, parameter.value, SETTINGS):
                 return SetParametersResult(successful=False, reason=reason)
-            if parameter.name == 'limits':
-                try:
-                    parse(parameter.value)
-                except UserError as error:
-                    return SetParametersResult(successful=False, reason=str(error))
         return SetParametersResult(successful=True)
 
     def _announce(self, event: str, **about: Any) -> None:

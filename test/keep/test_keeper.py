@@ -182,6 +182,8 @@ def test_limits_that_are_none_are_refused(entry: str) -> None:
     assert parse(['', 'B_m=-1..2e3']) == {'B_m': (-1.0, 2000.0)}
     with pytest.raises(UserError, match=r'LOW\.\.HIGH is needed'):
         parse([entry])
+    (setting,) = [s for s in SETTINGS if s.name == 'limits']
+    assert 'LOW..HIGH is needed' in setting.objection([entry])
 
 
 def test_a_capture_is_made_every_so_often(loop: Loop) -> None:
