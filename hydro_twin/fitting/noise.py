@@ -106,6 +106,6 @@ def states(predictor: Analytical, series: Series) -> FloatArray:
     seen = np.empty((len(inputs), len(x)))
     for k in range(len(inputs)):
         if k > 0:
-            kernel.live_step(x, z, work, inputs, k, *system.at(series.start + k * period).step)
+            kernel.live_step(x, z, work, inputs, k, *system.at(series.start + k * period).live)
         seen[k] = x
     return seen

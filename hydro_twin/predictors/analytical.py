@@ -165,23 +165,23 @@ class FreeRun:
 
     def step(self, inputs: FloatArray, measured: float, stamp: int | None = None) -> float:
         """Predict the output of the next sample; see `Stepper`."""
-        s = self.system.at(stamp)
-        self.take(inputs, measured, s)
-        if self.k == 0:
-            y = kernel.output(s.step, self.x, self.z, self.work, self.inputs, 0)
-        else:
-            y = kernel.live_step(self.x, self.z, self.work, self.inputs, self.k, *s.step)
-        return y if abs(y) < kernel.LIMIT else math.nan
-
-    def take(self, inputs: FloatArray, measured: float, system: System) -> None:
-        """Keep the inputs of the next sample; the first one sets the state."""
+        system = self.system.at(stamp) if self.system.earlier else self.system
         self.k += 1
         if self.k == len(self.inputs):
-            self.inputs[:self.keep] = self.inputs[self.keep:]
-            self.k = self.keep
+            self.forget()
         self.inputs[self.k] = inputs
-        if self.k == 0:
+        if self.k > 0:
+            y: float = kernel.live_step(self.x, self.z, self.work, self.inputs, self.k,
+                                        *system.live)
+        else:
             self.x[:] = system.start(inputs, _first(measured))
+            y = kernel.output(system.step, self.x, self.z, self.work, self.inputs, 0)
+        return y
+
+    def forget(self) -> None:
+        """Move the newest samples to the front."""
+        self.inputs[:self.keep] = self.inputs[self.keep:]
+        self.k = self.keep
 
 
 class Observed(FreeRun):
@@ -198,18 +198,22 @@ class Observed(FreeRun):
 
     def step(self, inputs: FloatArray, measured: float, stamp: int | None = None) -> float:
         """Predict the output of the next sample; see `Stepper`."""
-        self.take(inputs, measured, self.system.at(stamp))
+        self.k += 1
+        if self.k == len(self.inputs):
+            self.forget()
+        self.inputs[self.k] = inputs
+        if self.k == 0:
+            self.x[:] = self.system.at(stamp).start(inputs, _first(measured))
         self.measured[self.k] = measured
         self.observation.advance(self.system.stage_at(stamp), self.inputs, self.measured, self.k,
                                  self.k + 1, self.results, self.estimates)
         return float(self.results[self.k, 0])
 
-    def take(self, inputs: FloatArray, measured: float, system: System) -> None:
-        """Keep the inputs of the next sample, and what belongs to those before it."""
-        if self.k + 1 == len(self.inputs):
-            for kept in (self.measured, self.results, self.estimates):
-                kept[:self.keep] = kept[self.keep:]
-        super().take(inputs, measured, system)
+    def forget(self) -> None:
+        """Move the newest samples to the front, and what belongs to them."""
+        super().forget()
+        for kept in (self.measured, self.results, self.estimates):
+            kept[:self.keep] = kept[self.keep:]
 
     @property
     def estimate(self) -> FloatArray:

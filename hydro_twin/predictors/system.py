@@ -3,8 +3,10 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 from itertools import pairwise
 import math
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -49,6 +51,11 @@ class System:
     time: float = math.inf
     earlier: tuple[tuple[int, System], ...] = ()
 
+    @cached_property
+    def live(self) -> tuple[Any, ...]:
+        """The fields of the step, as `kernel.live_step` takes them."""
+        return kernel.live_fields(self.step)
+
     @property
     def stages(self) -> tuple[System, ...]:
         """Return the systems that held one after another; this one is the last."""
@@ -56,8 +63,7 @@ class System:
 
     def at(self, stamp: int | None) -> System:
         """Return the system that holds at a stamp [ns]; None stands for now."""
-        stage = self.stage_at(stamp)
-        return self.earlier[stage][1] if stage < len(self.earlier) else self
+        return self.stages[self.stage_at(stamp)] if self.earlier else self
 
     def stage_at(self, stamp: int | None) -> int:
         """Return the index of the stage that holds at a stamp [ns]; None stands for now."""
@@ -91,7 +97,7 @@ class System:
     def work(self) -> FloatArray:
         """Allocate the scratch of the kernel."""
         n, m = self.laws.B.shape
-        return np.zeros((8, max(n, m, len(self.plant.ports), self.memory, 2)))
+        return np.zeros((8, max(n + 2 * m, len(self.plant.ports), self.memory)))
 
     def start(self, inputs: FloatArray, output: float) -> FloatArray:
         """Return the state at rest, shape (n,), that gives this output under these inputs (m,).
