@@ -45,7 +45,43 @@ def cache_folder() -> Path:
 
 
 CACHE = cache_folder()
+
+
+class SameSources:
+    """Where numba keeps a compiled function: one place for all copies of the same sources.
+
+    By itself it keeps one for each path: a checkout, a workspace that was built from it and an
+    environment into which it was installed would compile anew. With an older numba, which has no
+    such setting, they do.
+    """
+
+    def __init__(self, path: Path, line: int) -> None:
+        self.path, self.line = path, line
+
+    @classmethod
+    def from_function(cls, function: Callable[..., Any], path: str) -> SameSources:
+        """Take a function of that file."""
+        return cls(Path(path), function.__code__.co_firstlineno)
+
+    def ensure_cache_path(self) -> None:
+        """Do nothing: the folder is there."""
+
+    def get_cache_path(self) -> str:
+        """Return the folder."""
+        return str(CACHE)
+
+    def get_source_stamp(self) -> bytes:
+        """Return what changes with the source."""
+        return hashlib.sha256(self.path.read_bytes()).digest()
+
+    def get_disambiguator(self) -> str:
+        """Return what tells functions of the same name in files of the same name apart."""
+        return f'{self.path.parent.name}-{self.line}'
+
+
 numba.config.CACHE_DIR = str(CACHE)  # type: ignore[attr-defined]
+numba.config.CACHE_LOCATOR_CLASSES = (  # type: ignore[attr-defined]
+    f'{SameSources.__module__}.{SameSources.__qualname__}')
 # The loops here are too short to vectorise (but see `rows`), and at level 3 LLVM takes half as
 # long again to compile what then runs no faster.
 numba.config.LOOP_VECTORIZE = 0  # type: ignore[attr-defined]
