@@ -22,7 +22,7 @@ from hydro_twin.fitting.whiteness import is_white
 from hydro_twin.model import Model
 from hydro_twin.plants import PLANTS
 from hydro_twin.recording.rig import read, rig_of
-from hydro_twin.recording.series import Recording, Series
+from hydro_twin.recording.series import Recording
 from hydro_twin.report.summary import summarise
 from hydro_twin.residual.criterion import by_part
 from hydro_twin.residual.curve import find_curve
@@ -260,24 +260,6 @@ def measured(name, source):
         assert main(['import', str(DATA / table), '-o', str(bag), '--map', str(MAPS / table_map),
                      '--json']) == 0
         return read([bag], rig_of(PLANTS[name]))
-
-
-@pytest.mark.slow
-def test_short_series_among_long_ones_that_are_thinned(monkeypatch):
-    """What is left of them once they are thinned is too short to be scored."""
-    monkeypatch.setattr('hydro_twin.residual.excerpt.ENOUGH', 2_000)
-    plant = PLANTS['cylinder']
-    rng = np.random.default_rng(0)
-    series = []
-    for samples in (6_000, 350):
-        t = 0.002 * np.arange(samples)
-        command = sum(np.sin(2 * np.pi * f * t + p) for f, p in rng.uniform(0.05, 0.6, (4, 2)))
-        values = {'tau': 0.05, 'K_v': 0.1}
-        x = Model(plant, values, 0.002).system.run(command[:, None], np.zeros(2))
-        x = x + 1e-4 * rng.standard_normal(samples)
-        series.append(Series({'command': command, 'x': x}, 0.002))
-    found, refusal = attempted(trace, Recording(tuple(series)), None, plant)
-    assert is_one_line(refusal) if found is None else wrong_in(found) == []
 
 
 @pytest.mark.slow
