@@ -1,7 +1,7 @@
 """Two models side by side on recordings: which regimes these show, and how the newer does there.
 
-The samples, the twins and the bets are those of a trial. A recording may be of the rig as it was:
-so it can show that the newer model holds in a regime, but not that it is worse on the rig as it is.
+The samples, the twins and the bets are those of a trial. A recording may be of the rig as it was.
+So it can show that the newer model holds in a regime, but not that it is worse on the rig of now.
 """
 from __future__ import annotations
 

@@ -19,7 +19,7 @@ from hydro_twin.live.monitor import RISE
 from hydro_twin.plants.plant import FloatArray, Plant
 from hydro_twin.store.change import quantity
 
-HOLDS = -least_gain(1.0 - RISE**-2)     # the relative gain of a model whose RMS is larger by `RISE`
+HOLDS = -least_gain(1.0 - RISE**-2)     # relative gain of a model whose RMS is larger by `RISE`
 
 
 @dataclass

@@ -12,6 +12,7 @@ from hydro_twin.keep.limits import parse
 from hydro_twin.keep.ring import SECOND
 from hydro_twin.keep.settings import SETTINGS
 from hydro_twin.recording.digest import source_of
+from hydro_twin.store.history import rows
 from hydro_twin.store.lineage import recordings
 
 REFIT = {'event': 'refit', 'model': '', 'rms': 3.0, 'promised': 1.0}
@@ -41,6 +42,8 @@ def test_an_event_becomes_a_promotion_that_is_confirmed(loop: Loop) -> None:
     record = loop.keeper.store.version('0002').record
     assert record['bag']['sha256'] == source_of(
         loop.folder / 'store' / record['bag']['path']).sha256
+    assert [row.captured for row in rows(loop.keeper.store)] == ['', record['bag']['why'][0]]
+    assert record['bag']['why'] == ['refit: the residual is 3, promised 1']
 
 
 def test_a_champion_that_does_worse_goes_back(loop: Loop) -> None:
@@ -158,7 +161,8 @@ def test_after_a_restart_it_goes_on(loop: Loop) -> None:
     loop.keeper.ask(loop.now, 'another')
     loop.until(lambda: bool(loop.keeper.waiting))
     loop.start()                            # as after a kill, while a challenger is judged
-    assert len(loop.keeper.waiting) == 1
+    (waits,) = loop.keeper.waiting
+    assert waits.why == ['another']
     loop.finds = None                       # so that nothing comes of it
     loop.runs(loop.first)
     loop.judged(4.0, 1.0)
