@@ -54,7 +54,7 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
     fitted, earlier = read_apart([args.fitted, apart], rig, progress)
     with progress('comparing'):
         known, regimes = compare(champion, challenger, fitted, earlier)
-    return {'mode': challenger.mode, **asdict(known), 'regimes': regimes.record()}
+    return {**asdict(known), 'regimes': regimes.record()}
 
 
 def show(result: dict[str, Any], console: Console) -> None:

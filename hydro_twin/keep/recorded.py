@@ -49,5 +49,5 @@ def compare(champion: Twin, challenger: Twin, fitted: Recording, earlier: Record
         for stamp, row, output in zip(series.stamps.tolist(), inputs,
                                       series[plant.output.name].tolist(), strict=True):
             duel.step(stamp, row, output)
-    return Known(grid, seen(every, plant, grid), {
+    return Known(challenger.mode, grid, seen(every, plant, grid), {
         name: one.holds.value for name, one in regimes.found.items()}), regimes

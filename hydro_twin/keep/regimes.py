@@ -22,8 +22,7 @@ WINDOW = 1.0      # [s]: holds some periods of what moves a servo, and is short 
 FEWEST = 16       # samples of a window: a standard deviation of fewer is known to 20 % at best
 OUTLYING = 0.02   # share of samples or windows beyond the range that the edges divide
 LITTLE, MUCH = 0.1, 1 / 3      # of the largest movement: edges half a decade apart
-SEEN = 20.0       # time in a regime from which on it counts as seen before [s]: a test that takes
-#                   seven blocks at least can judge it; what is shorter is a transition
+SEEN = 20.0       # time in a regime from which on it counts as seen before [s]: less is a passage
 
 Edges = tuple[float, float]
 
@@ -49,9 +48,10 @@ class Known:
     Attributes:
         seen: name -> how long the recordings were in a regime [s], at least `SEEN`.
         holds: name -> evidence that the challenger holds there, from recordings that it was not
-            made from.
+            made from, in `mode`.
     """
 
+    mode: str
     grid: Grid
     seen: Mapping[str, float]
     holds: Mapping[str, float]
@@ -131,8 +131,8 @@ def read_known(folder: Path) -> Known | None:
     try:
         record = json.loads(path.read_text('utf-8'))
         grid = record['grid']
-        return Known(Grid(_edges(grid['level']), {name: _edges(edges) for name, edges
-                                                  in grid['movement'].items()}),
+        movement = {name: _edges(edges) for name, edges in grid['movement'].items()}
+        return Known(str(record['mode']), Grid(_edges(grid['level']), movement),
                      *({str(name): float(value) for name, value in record[key].items()}
                        for key in ('seen', 'holds')))
     except (OSError, ValueError, KeyError, TypeError, AttributeError) as error:

@@ -2,7 +2,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 from hydro_twin.errors import ModelError
@@ -116,7 +116,10 @@ class Judge:
             one, other = (load_twin(Choice(version.name, version.model_file), mode)
                           for version in (pair.champion, pair.other))
             same_inputs(other, one)
-            return one, other, read_known(pair.newer.folder)
+            known = read_known(pair.newer.folder)
+            if known is not None and known.mode != other.mode:
+                known = replace(known, holds={})     # shown in another mode
+            return one, other, known
 
         def ready(loaded: tuple[Twin, Twin, Known | None]) -> None:
             if self.pair is pair:

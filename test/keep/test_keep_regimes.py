@@ -13,7 +13,7 @@ from hydro_twin.keep.regimes import Grid, Known
 GRID = Grid((-5.0, 5.0), {'T_g': (1.0, 3.0), 'theta_d': (1e-3, 3e-3)})
 LITTLE = 'T_g -5 N m to 5 N m, moving below 1 N m; theta_d moving below 1 mrad'
 MUCH = 'T_g -5 N m to 5 N m, moving above 3 N m; theta_d moving below 1 mrad'
-KNOWN = Known(GRID, {LITTLE: 60.0, MUCH: 60.0}, {})
+KNOWN = Known('free_run', GRID, {LITTLE: 60.0, MUCH: 60.0}, {})
 AT_REST = np.zeros(2)
 
 
@@ -84,15 +84,18 @@ def test_after_a_restart_the_same_regimes_are_asked_for(tried: Loop) -> None:
     assert tried.champion() == '0001'
 
 
-@pytest.mark.parametrize('holds', [99.0, 101.0])
-def test_a_regime_that_is_not_visited_is_judged_on_recordings(loop: Loop, holds: float) -> None:
-    loop.known = replace(KNOWN, holds={LITTLE: holds})
+@pytest.mark.parametrize(('holds', 'mode'), [
+    (99.0, 'free_run'), (101.0, 'free_run'), (101.0, 'one_step')])
+def test_a_regime_that_is_not_visited_is_judged_on_recordings(loop: Loop, holds: float,
+                                                              mode: str) -> None:
+    loop.known = replace(KNOWN, mode=mode, holds={LITTLE: holds})
+    enough = holds > 100.0 and mode == 'free_run'
     loop.tick(2)
     loop.keeper.ask(loop.now, 'a test')
     run(loop, 10.0, 16.0, 1.0, 50.0)
-    assert loop.champion() == ('0002' if holds > 100.0 else '0001')
+    assert loop.champion() == ('0002' if enough else '0001')
     run(loop, 10.0, 16.0, 1.0, 15.0)
-    if holds < 100.0:       # the trial is over: a person decides
+    if not enough:       # the trial is over: a person decides
         assert last(loop)['what'] == 'recommended'
         assert last(loop)['why'] == f'not judged at {LITTLE}'
         assert loop.keeper.promote('me') == 'version 0002 is the champion'

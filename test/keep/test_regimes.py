@@ -72,7 +72,7 @@ def test_an_effect_overfitted_at_small_motion_is_found_there(moved: Series) -> N
     little = f'moving below {grid.movement["T_g"][0]:.3g} N m'
     assert worse
     assert all(little in name for name in worse)
-    known = Known(grid, seen(Recording((moved,)), PLANT, grid), {})
+    known = Known('free_run', grid, seen(Recording((moved,)), PLANT, grid), {})
     assert len(known.seen) == 2
     assert set(regimes.pending(known, 0.01)) == set(known.seen) & set(worse)
     # The RMS of each regime is that of the free runs where the series moves little and much.
@@ -87,12 +87,12 @@ def test_an_effect_overfitted_at_small_motion_is_found_there(moved: Series) -> N
 def test_one_that_is_better_everywhere_holds_everywhere(moved: Series) -> None:
     grid = grid_of(Recording((moved,)), PLANT)
     regimes, better = duel_over(moved, model(**WRONG), TRUE, grid)
-    known = Known(grid, seen(Recording((moved,)), PLANT, grid), {})
+    known = Known('free_run', grid, seen(Recording((moved,)), PLANT, grid), {})
     assert better
     assert regimes.worse(0.01) == []
     assert regimes.pending(known, 0.01) == []
     # Where it was not tried it is not known to hold.
-    assert regimes.pending(Known(grid, {'elsewhere': 30.0}, {}), 0.01) == ['elsewhere']
+    assert regimes.pending(Known('free_run', grid, {'elsewhere': 30.0}, {}), 0.01) == ['elsewhere']
 
 
 def test_the_regime_is_told_by_the_level_and_by_what_the_measured_signals_move() -> None:
@@ -130,7 +130,7 @@ def judged(rng: np.random.Generator, memory: float, ratio: float) -> tuple[bool,
     common, ours, theirs = lfilter([math.sqrt(1.0 - pole * pole)], [1.0, -pole],
                                    rng.standard_normal((3, 7000)))[:, 1000:]
     block = math.ceil(10.0 * (1.0 + pole) / (1.0 - pole))
-    first = Known(regimes.grid, {'opening below 0.3, moving below 0.1': 60.0}, {})
+    first = Known('free_run', regimes.grid, {'opening below 0.3, moving below 0.1': 60.0}, {})
     worse = holds = False
     for k in range(6000):
         place = k // 320 % 5
