@@ -59,18 +59,18 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
 
 def show(result: dict[str, Any], console: Console) -> None:
     """Print it."""
-    from rich.table import Table
-
-    table = Table('regime', 'recorded, s', 'RMS of the model', 'of the challenger',
-                  'evidence that it holds', 'that it is worse')
     judged = result['regimes']
     for name in {**result['seen'], **judged}:
+        console.print(name, style='bold')
+        if name in result['seen']:
+            console.print(f'  seen before: recorded for {result["seen"][name]:.0f} s')
         one = judged.get(name, {})
-        table.add_row(name, *(
-            '' if value is None else f'{value:.3g}' for value in (
-                result['seen'].get(name), one.get('rms_older'), one.get('rms_newer'),
-                one.get('holds'), one.get('worse'))))
-    console.print(table)
+        if one.get('seconds'):
+            console.print(f'  {one["seconds"]:.0f} s compared: RMS {one["rms_older"]:.3g}, of the '
+                          f'challenger {one["rms_newer"]:.3g}; evidence that it holds '
+                          f'{one["holds"]:.3g}, that it is worse {one["worse"]:.3g}')
+    if not judged:
+        console.print('nothing was compared')
 
 
 VERB = Verb('regimes', 'compare two models on recordings, regime by regime', add_arguments, run,

@@ -30,9 +30,10 @@ class Pair:
     other: Version
 
     @property
-    def newer(self) -> Version:
-        """The one that was made from the other."""
-        return self.other if self.kind == TRIAL else self.champion
+    def by_age(self) -> tuple[Version, Version]:
+        """The older version, and the newer one that it is about."""
+        return ((self.champion, self.other) if self.kind == TRIAL else
+                (self.other, self.champion))
 
 
 class Judge:
@@ -116,9 +117,10 @@ class Judge:
             one, other = (load_twin(Choice(version.name, version.model_file), mode)
                           for version in (pair.champion, pair.other))
             same_inputs(other, one)
-            known = read_known(pair.newer.folder)
-            if known is not None and known.mode != other.mode:
-                known = replace(known, holds={})     # shown in another mode
+            older, newer = pair.by_age
+            known = read_known(newer.folder)
+            if known is not None and (known.mode, newer.parent) != (other.mode, older.name):
+                known = replace(known, holds={})     # shown in another mode, or against another
             return one, other, known
 
         def ready(loaded: tuple[Twin, Twin, Known | None]) -> None:
@@ -128,7 +130,7 @@ class Judge:
                     self._known.grid, one.predictor.plant, one.predictor.sample_time,
                     self.get('gain'))
                 self.duel = Duel(one, other, self._rules(), regimes,
-                                 newer=[pair.champion, pair.other].index(pair.newer))
+                                 newer=int(pair.kind == TRIAL))
 
         def failed(error: Exception) -> None:
             if self.pair is pair:

@@ -101,6 +101,18 @@ def test_a_regime_that_is_not_visited_is_judged_on_recordings(loop: Loop, holds:
         assert loop.keeper.promote('me') == 'version 0002 is the champion'
 
 
+def test_recordings_say_nothing_against_another_champion(loop: Loop) -> None:
+    loop.known = replace(KNOWN, holds={LITTLE: 1e6})
+    loop.tick(2)
+    loop.keeper.ask(loop.now, 'a test')
+    loop.until(lambda: loop.keeper.judge.tries)
+    store = loop.keeper.store
+    store.promote(store.enter(loop.first, 'me').name, 'me')
+    run(loop, 10.0, 16.0, 1.0, 30.0)
+    assert 'challenger 0002 against 0003: 30 s, ' in loop.said()
+    assert f'still to be seen: {LITTLE}' in loop.said()
+
+
 def test_a_champion_that_is_worse_in_a_regime_goes_back(tried: Loop) -> None:
     run(tried, 10.0, 16.0, 1.0, 30.0)
     assert tried.keeper.promote('me') == 'version 0002 is the champion'
