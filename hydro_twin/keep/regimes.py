@@ -18,10 +18,11 @@ from hydro_twin.recording.series import Recording, Series
 from hydro_twin.store.change import quantity
 from hydro_twin.store.version import REGIMES
 
-WINDOW = 1.0      # [s]: holds some periods of what moves a servo, and is short against a regime
+WINDOW = 1.0      # [s]: holds some periods of a servo at work, and is short against a regime
 FEWEST = 16       # samples of a window: a standard deviation of fewer is known to 20 % at best
 OUTLYING = 0.02   # share of samples or windows beyond the range that the edges divide
-LITTLE, MUCH = 0.1, 1 / 3      # of the largest movement: edges half a decade apart
+LITTLE, MUCH = 0.1, 1 / 3      # of the largest movement: half a decade apart, so that what an
+#                                effect of small motion changes is not averaged with large motion
 SEEN = 20.0       # time in a regime from which on it counts as seen before [s]: less is a passage
 
 Edges = tuple[float, float]

@@ -95,6 +95,9 @@ def test_an_earlier_recording_that_cannot_be_read_is_left_out(tmp_path: Path) ->
                   'free_run', Bounds(600.0, 8192.0, 0), Event())
     assert json.loads((found / 'report.json').read_text())['memory'] is None
     assert 'gone' in (there.folder / 'trace.log').read_text()
+    regimes = json.loads((found / 'regimes.json').read_text())
+    assert regimes['mode'] == 'free_run'
+    assert regimes['holds'] == {}      # no recording but the one that the model was made from
 
 
 def test_a_trace_ends_with_the_node_even_where_that_is_killed(tmp_path: Path) -> None:
