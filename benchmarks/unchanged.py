@@ -20,6 +20,8 @@ from scipy.signal import lfilter
 from hydro_twin.fitting.output_error import free_run
 from hydro_twin.fitting.parts import Part, parts_of
 from hydro_twin.keep.duel import Duel, Rules
+from hydro_twin.keep.regime_bets import Regimes
+from hydro_twin.keep.regimes import grid_of
 from hydro_twin.live.twin import Twin
 from hydro_twin.model import Model
 from hydro_twin.recording.series import Recording, Series
@@ -62,26 +64,32 @@ def main() -> None:
     parser.add_argument('--hours', type=float, default=10.0)
     hours = parser.parse_args().hours
     one, results = period(0), []
+    inputs = np.column_stack([one[signal.name] for signal in PLANT.inputs])
+    grid = grid_of(Recording((one,)), PLANT)
     for memory in MEMORIES:
         rng = np.random.default_rng(0)
         champion = fitted(one, rng, memory)
-        ours, outcomes, highest = missed(champion, one), [], 0.0
+        ours, outcomes, highest, refused = missed(champion, one), [], 0.0, 0
         for _ in range(round(hours * 3600.0 / TRIAL)):
             theirs = missed(fitted(one, rng, memory), one)
             twin = Twin('', champion.predictor(), 'free_run')      # tells the sample time
-            duel = Duel(twin, twin, Rules())
+            regimes = Regimes(grid, PLANT, STEP, Rules().gain)
+            duel = Duel(twin, twin, Rules(), regimes)
             periods = round(TRIAL / STEP / len(one))
             sensor = noise(rng, periods * len(one), memory)
             squares = [((np.tile(missing, periods) + sensor) ** 2).tolist()
                        for missing in (ours, theirs)]
-            for k, (a, b) in enumerate(zip(*squares, strict=True)):
-                duel.take(a, b)
-                if k % LOOK == 0 and duel.outcome != 'open':
+            output = (np.tile(one['T_g'], periods) + sensor).tolist()
+            for k, (a, b, measured) in enumerate(zip(*squares, output, strict=True)):
+                duel.take(a, b, inputs[k % len(one)], measured)
+                if k % LOOK == 0 and (duel.outcome != 'open' or regimes.worse(Rules().alpha)):
                     break
             outcomes.append(duel.outcome)
+            refused += bool(regimes.worse(Rules().alpha))
             highest = max(highest, duel.better.value)
         results.append({'memory_s': memory, 'judged': len(outcomes),
                         'promoted': outcomes.count('better'), 'worse': outcomes.count('worse'),
+                        'worse_in_a_regime': refused,
                         'highest_evidence': highest, 'needed': 1.0 / Rules().alpha})
     print(json.dumps({'hours': hours, 'results': results}))
 

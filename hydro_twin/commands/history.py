@@ -10,7 +10,7 @@ from hydro_twin.commands.verb import Verb
 if TYPE_CHECKING:
     from rich.console import Console
 
-COLUMNS = ('version', 'when', 'alias', 'parent', 'verdict', 'changed')
+COLUMNS = ('version', 'when', 'alias', 'parent', 'captured', 'verdict', 'changed')
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:

@@ -22,7 +22,7 @@ class Bet:
     """The capital of one side, in logarithms, for a share each.
 
     Attributes:
-        least: the mean gain that must be exceeded, m, from 0 to below 1.
+        least: the mean gain that must be exceeded, m, above -1 and below 1.
         blocks: how many were bet on.
     """
 

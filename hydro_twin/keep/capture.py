@@ -9,6 +9,8 @@ from pathlib import Path
 import shutil
 from typing import TYPE_CHECKING
 
+import yaml
+
 from hydro_twin.errors import BagError
 from hydro_twin.files import sync, write_whole
 from hydro_twin.keep.ring import Message, Ring, SECOND
@@ -19,6 +21,7 @@ if TYPE_CHECKING:
     from rosbags.typesys.store import Typestore
 
 BAG, TRACE, CONFIG, OUTCOME = 'bag', 'trace', 'config.yaml', 'outcome.json'
+REASONS = 'captured'       # entry of the metadata of a bag: why it was captured
 LONGEST = 10.0      # times `after`: for so long events may extend a capture
 
 
@@ -48,6 +51,14 @@ class Captured:
     def bag(self) -> Path:
         """The bag."""
         return self.folder / BAG
+
+    @property
+    def why(self) -> list[str]:
+        """By whom or what it was asked for, as the metadata of the bag say."""
+        about = yaml.safe_load((self.bag / 'metadata.yaml').read_text('utf-8'))
+        why: list[str] = json.loads(
+            about['rosbag2_bagfile_information']['custom_data'][REASONS])
+        return why
 
 
 class Capture:
@@ -116,7 +127,7 @@ def write(folder: Path, wanted: Wanted, messages: list[Message],
     try:
         write_messages(part / BAG, {topic: about for topic, about in topics.items()
                                     if topic in held}, messages, store,
-                       {'captured': json.dumps(wanted.why)})
+                       {REASONS: json.dumps(wanted.why)})
         for path in (part / BAG).iterdir():
             sync(path)
         sync(part / BAG)

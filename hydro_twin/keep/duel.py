@@ -9,6 +9,7 @@ from typing import Any, Literal
 import numpy as np
 
 from hydro_twin.keep.betting import Bet, least_gain, relative_gain
+from hydro_twin.keep.regime_bets import Regimes
 from hydro_twin.live.twin import Twin
 from hydro_twin.plants.plant import FloatArray
 
@@ -42,11 +43,22 @@ class Duel:
 
     Attributes:
         seconds: of samples that both predicted.
+        regimes: the evidence regime by regime, where regimes are known.
     """
 
-    def __init__(self, champion: Twin, challenger: Twin, rules: Rules) -> None:
-        """Judge two twins of one plant and one sample time."""
+    def __init__(self, champion: Twin, challenger: Twin, rules: Rules,
+                 regimes: Regimes | None = None, newer: int = 1) -> None:
+        """Judge two twins of one plant and one sample time.
+
+        Args:
+            champion: that runs.
+            challenger: against it.
+            rules: when it ends.
+            regimes: collects the evidence regime by regime.
+            newer: which of the two that is about: 1 for the challenger, 0 for the champion.
+        """
         self.champion, self.challenger, self.rules = champion, challenger, rules
+        self.regimes, self._newer = regimes, newer
         self.better, self.worse = Bet(least_gain(rules.gain)), Bet()
         self.sample_time = champion.predictor.sample_time
         self.samples = 0
@@ -68,6 +80,8 @@ class Duel:
         """Begin a run: the next sample is its first."""
         for twin in (self.champion, self.challenger):
             twin.reset()
+        if self.regimes is not None:
+            self.regimes.restart()
 
     def step(self, stamp: int, inputs: FloatArray, measured: float) -> None:
         """Step both by one sample; see `Twin.step`."""
@@ -81,10 +95,21 @@ class Duel:
         if (ours != ours or theirs != theirs or measured != measured        # nan
                 or not (self.champion.scored and self.challenger.scored)):
             return
-        self.take((measured - ours) ** 2, (measured - theirs) ** 2)
+        self.take((measured - ours) ** 2, (measured - theirs) ** 2, inputs, measured)
 
-    def take(self, a: float, b: float) -> None:
-        """Take in the squared residuals of one sample, of the champion and of the challenger."""
+    def _older_first[Of](self, champion: Of, challenger: Of) -> tuple[Of, Of]:
+        return (champion, challenger) if self._newer else (challenger, champion)
+
+    def take(self, a: float, b: float, inputs: FloatArray | None = None,
+             measured: float = math.nan) -> None:
+        """Take in one sample.
+
+        Args:
+            a: squared residual of the champion.
+            b: that of the challenger.
+            inputs: shape (m,); None where the regime is not known.
+            measured: the output.
+        """
         self.samples += 1
         if not self.block:
             self._learned.append((a, b))
@@ -94,6 +119,8 @@ class Duel:
                 self.block = max(round(SHORTEST / self.sample_time), math.ceil(needed))
                 self._learned = []
             return
+        if self.regimes is not None and inputs is not None:
+            self.regimes.add(inputs, measured, self.block, *self._older_first(a, b))
         self._sums[0] += a
         self._sums[1] += b
         self._count += 1
@@ -105,6 +132,8 @@ class Duel:
         lost = [self.champion.divergences > self._diverged[0],
                 self.challenger.divergences > self._diverged[1]]
         self._diverged = [self.champion.divergences, self.challenger.divergences]
+        if any(lost) and self.regimes is not None:
+            self.regimes.lose(*self._older_first(*lost))
         gain = (relative_gain(*(math.inf if one else 0.0 for one in lost)) if any(lost)
                 else relative_gain(*self._sums))
         if not any(lost):
@@ -135,7 +164,8 @@ class Duel:
                 'least_gain': self.rules.gain, 'blocks': self.better.blocks,
                 'block_s': self.block * self.sample_time, 'seconds': self.seconds,
                 'mode': self.champion.mode,
-                'rms_champion': rms[0], 'rms_challenger': rms[1]}
+                'rms_champion': rms[0], 'rms_challenger': rms[1],
+                **({'regimes': self.regimes.record()} if self.regimes is not None else {})}
 
 
 def memory(values: np.ndarray) -> float:

@@ -195,9 +195,9 @@ class Keeper:
                         lambda error: self._fail(f'not captured: {error}'))
 
     def _trace(self) -> None:
-        champion = self.champion
-        if (not self.waiting or not self.signals or champion is None or self.judge.tries
-                or self.jobs.busy('trace')):
+        champion, mode = self.champion, self.mode
+        if (not self.waiting or not self.signals or champion is None or mode is None
+                or self.judge.tries or self.jobs.busy('trace')):
             return
         captured = self.waiting.popleft()
         bounds = Bounds(self.get('trace_time'), self.get('trace_memory'), self.get('nice'))
@@ -206,7 +206,7 @@ class Keeper:
             """Find what the champion came from, and trace."""
             return trace(captured, champion.model_file.absolute(),
                          recordings(self.store, champion, self.get('recordings')),
-                         dict(self.signals), bounds, self.jobs.stop)
+                         dict(self.signals), mode, bounds, self.jobs.stop)
 
         def failed(error: Exception) -> None:
             if isinstance(error, NotEnoughError):
@@ -231,7 +231,7 @@ class Keeper:
             self.store.decide(old.name, DISCARDED, BY, None, 'a newer challenger took its place')
         made = self.store.enter(folder / 'model.yaml', BY, reports=folder, as_challenger=True,
                                 bag={'path': str(captured.bag.relative_to(self.store.path)),
-                                     'sha256': captured.sha256})
+                                     'sha256': captured.sha256, 'why': captured.why})
         close(captured, f'version {made.name}')
         self.fault = self.lacking = ''
         self.announce('traced', version=made.name, changed=made.record['changed'])

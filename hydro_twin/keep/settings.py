@@ -34,9 +34,10 @@ SETTINGS = (
     Setting('trace_memory', 8192.0, 'most address space of each process of a trace [MiB]',
             bounds=(256.0, 1048576.0)),
     Setting('nice', 19.0, 'niceness of a trace', bounds=(0.0, 19.0)),
-    Setting('alpha', 0.01, 'probability of ever promoting a model that is no better',
+    Setting('alpha', 0.01, 'probability of ever promoting a model that is no better, and of '
+            'refusing one for a regime in which it is not worse',
             bounds=(1e-9, 0.5)),
-    Setting('gain', 0.02, 'least reduction of the mean squared residual that counts, as a share',
+    Setting('gain', 0.02, 'least difference of the mean squared residual that counts, as a share',
             bounds=(0.0, 0.9)),
     Setting('trial_least', 60.0, 'how long a challenger is judged at least [s]',
             bounds=(0.0, 86400.0)),

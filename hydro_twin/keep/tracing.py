@@ -20,7 +20,7 @@ from hydro_twin.files import write_whole
 from hydro_twin.keep.capture import Captured, CONFIG, TRACE
 from hydro_twin.model import read_model
 from hydro_twin.recording.signals import SignalMap
-from hydro_twin.store.version import MODEL
+from hydro_twin.store.version import MODEL, REGIMES
 
 POLL = 0.2     # [s]
 TAIL = 400     # characters of what a trace says that are passed on
@@ -51,19 +51,22 @@ def other_cores() -> list[int]:
 
 
 def trace(captured: Captured, champion: Path, earlier: Sequence[Path],
-          signals: Mapping[str, SignalMap], bounds: Bounds, stop: Event) -> Path:
+          signals: Mapping[str, SignalMap], mode: str, bounds: Bounds, stop: Event) -> Path:
     """Trace a captured stretch from the champion on, if it says enough.
+
+    Then the new model is compared with the champion on the recordings, regime by regime.
 
     Args:
         captured: where report and model go, too.
         champion: model file to start from; the trace has its sample time and its constants.
         earlier: recordings that the champion came from.
         signals: where the signals are in the bag.
+        mode: in which the models are compared.
         bounds: of the processes.
         stop: ends it early.
 
     Returns:
-        The folder with model.yaml and report.json.
+        The folder with model.yaml, report.json and regimes.json.
 
     Raises:
         NotEnoughError: the stretch moves the rig too little.
@@ -81,16 +84,25 @@ def trace(captured: Captured, champion: Path, earlier: Sequence[Path],
     judged = json.loads(verbs.run('excitation', str(captured.bag), *rig, '--json'))
     if not judged['enough']:
         raise NotEnoughError(judged['says'])
-    words = ['trace', str(captured.bag), '--plant', model.plant.name, *rig, '-o', str(output)]
-    known = [word for bag in earlier for word in ('--earlier', str(bag))]
+    known = list(earlier)
+
+    def traced() -> None:
+        """Trace with the earlier recordings that are known."""
+        verbs.run('trace', str(captured.bag), '--plant', model.plant.name, *rig,
+                  '-o', str(output), *(word for bag in known for word in ('--earlier', str(bag))))
+
     try:
-        verbs.run(*words, *known)
+        traced()
     except _BadInputError:
         if not known:
             raise
-        verbs.run(*words)       # an earlier recording may be of other topics
+        known.clear()           # one may be of other topics
+        traced()
     if not (output / MODEL).is_file():
         raise TraceError('the trace wrote no model')
+    write_whole(output / REGIMES, verbs.run(
+        'regimes', *map(str, [captured.bag, *known]), '--fitted', str(captured.bag), *rig,
+        '--challenger', str(output / MODEL), '--mode', mode, '--json'))
     return output
 
 

@@ -2,7 +2,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 from hydro_twin.errors import ModelError
@@ -10,6 +10,8 @@ from hydro_twin.keep.duel import Duel, Rules
 from hydro_twin.keep.follow import BY
 from hydro_twin.keep.jobs import Jobs
 from hydro_twin.keep.limits import beyond, parse
+from hydro_twin.keep.regime_bets import Regimes
+from hydro_twin.keep.regimes import Known, read_known
 from hydro_twin.keep.settings import AUTO, OBSERVE
 from hydro_twin.live.models import Choice, load_twin, same_inputs
 from hydro_twin.live.twin import Twin
@@ -26,6 +28,12 @@ class Pair:
     kind: str
     champion: Version
     other: Version
+
+    @property
+    def by_age(self) -> tuple[Version, Version]:
+        """The older version, and the newer one that it is about."""
+        return ((self.champion, self.other) if self.kind == TRIAL else
+                (self.other, self.champion))
 
 
 class Judge:
@@ -49,6 +57,7 @@ class Judge:
         self.store, self.get, self.jobs, self.announce = store, get, jobs, announce
         self.pair: Pair | None = None
         self.duel: Duel | None = None
+        self._known: Known | None = None     # of the regimes, for the newer version
         self._champion = ''
 
     def notice(self, champion: Version) -> bool:
@@ -78,7 +87,7 @@ class Judge:
 
     def drop(self) -> None:
         """Judge nothing."""
-        self.pair = self.duel = None
+        self.pair = self.duel = self._known = None
 
     @property
     def tries(self) -> bool:
@@ -103,16 +112,25 @@ class Judge:
         return Rules(self.get('alpha'), self.get('gain'), self.get('trial_least'))
 
     def _load(self, pair: Pair, mode: str) -> None:
-        def load() -> tuple[Twin, Twin]:
-            """Make both ready to step."""
+        def load() -> tuple[Twin, Twin, Known | None]:
+            """Make both ready to step, and read what is known of the regimes."""
             one, other = (load_twin(Choice(version.name, version.model_file), mode)
                           for version in (pair.champion, pair.other))
             same_inputs(other, one)
-            return one, other
+            older, newer = pair.by_age
+            known = read_known(newer.folder)
+            if known is not None and (known.mode, newer.parent) != (other.mode, older.name):
+                known = replace(known, holds={})     # shown in another mode, or against another
+            return one, other, known
 
-        def ready(twins: tuple[Twin, Twin]) -> None:
+        def ready(loaded: tuple[Twin, Twin, Known | None]) -> None:
             if self.pair is pair:
-                self.duel = Duel(*twins, self._rules())
+                one, other, self._known = loaded
+                regimes = None if self._known is None else Regimes(
+                    self._known.grid, one.predictor.plant, one.predictor.sample_time,
+                    self.get('gain'))
+                self.duel = Duel(one, other, self._rules(), regimes,
+                                 newer=int(pair.kind == TRIAL))
 
         def failed(error: Exception) -> None:
             if self.pair is pair:
@@ -126,10 +144,14 @@ class Judge:
 
     def _try(self, pair: Pair, duel: Duel) -> None:
         outcome, evidence = duel.outcome, duel.evidence()
-        if outcome == 'better':
+        pending, over = self.pending(), duel.seconds >= self.get('trial')
+        if worse := self._worse(duel):
+            self._discard(pair, evidence, f'it is worse than the champion at {worse}')
+        elif outcome == 'better' and (over or not pending):
             policy = self.get('policy')
             self.drop()
-            why = '; '.join(beyond(pair.other.model(), parse(self.get('limits'))))
+            why = '; '.join([*beyond(pair.other.model(), parse(self.get('limits'))),
+                             *(f'not judged at {name}' for name in pending)])
             if policy == AUTO and not why:
                 self.promote(pair.other, f'{BY}, policy {policy}', evidence)
             else:
@@ -139,8 +161,20 @@ class Judge:
                               changed=pair.other.record['changed'], why=why)
         elif outcome == 'worse':
             self._discard(pair, evidence, 'its residual is larger than that of the champion')
-        elif duel.seconds >= self.get('trial'):
+        elif over:
             self._discard(pair, evidence, f'no better within {duel.seconds:.0f} s')
+
+    def pending(self) -> list[str]:
+        """Name the regimes seen before in which the newer model is not shown to hold yet."""
+        if self.duel is None or self.duel.regimes is None or self._known is None:
+            return []
+        return self.duel.regimes.pending(self._known, self.get('alpha'))
+
+    def _worse(self, duel: Duel) -> str:
+        """Say in which regimes the newer model is worse, and by how much; '' for none."""
+        return '' if duel.regimes is None else '; '.join(
+            f'{name} ({duel.regimes.compared(name)})'
+            for name in duel.regimes.worse(self.get('alpha')))
 
     def _discard(self, pair: Pair, evidence: Mapping[str, Any] | None, why: str) -> None:
         self.drop()
@@ -156,14 +190,17 @@ class Judge:
     def _watch(self, pair: Pair, duel: Duel) -> None:
         """Judge a champion on probation: here the challenger is its predecessor."""
         outcome, evidence = duel.outcome, duel.evidence()
-        if outcome == 'better':
+        worse = self._worse(duel)
+        if worse or outcome == 'better':
             self.drop()
+            why = f'it is worse than its predecessor at {worse}' if worse else (
+                'its predecessor is better')
             if self.get('policy') == OBSERVE:
                 self.announce('worse', version=pair.champion.name, evidence=evidence,
-                              than=pair.other.name)
+                              than=pair.other.name, why=why)
             else:
-                self.go_back(BY, evidence, 'its predecessor is better')
-        elif outcome == 'worse':
+                self.go_back(BY, evidence, why)
+        elif outcome == 'worse' and not self.pending():
             self.drop()
             self.store.decide(pair.champion.name, CONFIRMED, BY, evidence)
             self.announce('confirmed', version=pair.champion.name, evidence=evidence)
@@ -190,6 +227,7 @@ class Judge:
                 f'judging champion {one} against its predecessor {other}')
         if self.duel is None:
             return f'{what}: loading'
-        evidence = self.duel.evidence()
+        evidence, left = self.duel.evidence(), self.pending()
         return (f'{what}: {evidence["seconds"]:.0f} s, evidence {evidence["e_value"]:.3g} for and '
-                f'{evidence["against"]:.3g} against, of {evidence["needed"]:g}')
+                f'{evidence["against"]:.3g} against, of {evidence["needed"]:g}'
+                + (f'; still to be seen: {", ".join(left)}' if left else ''))

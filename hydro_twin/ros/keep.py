@@ -28,6 +28,7 @@ from hydro_twin.ros.parameters import declare_parameters, objection
 from hydro_twin.store.store import Store
 
 PERIOD = 1.0     # of the loop and of diagnostics [s]
+REASON = 200     # characters of the reason for a capture: two lines of a table
 ANSWER = 5.0     # how long a service may take before another try [s]
 
 
@@ -54,6 +55,7 @@ class KeepNode(Node):
         latched = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
         self._subscribe(String, f'{twin}/model_info', self._on_info, latched)
         self._subscribe(String, f'{twin}/model_event', self._on_event, QoSProfile(depth=100))
+        self._subscribe(String, '~/capture', self._on_reason, QoSProfile(depth=10))
         self._inputs = Inputs(self, self.keeper, self._guarded, self._parameter_overrides,
                               [*filter(None, self._get('topics')), f'{twin}/model_info'])
         champion = self.keeper.store.champion      # a damaged store ends the start
@@ -139,6 +141,14 @@ class KeepNode(Node):
             self._answer = None
 
     # Requests and time
+
+    def _on_reason(self, message: String) -> None:
+        """Capture for a reason that a person gives: the service of that name has no room for it.
+
+        One line, and no longer than `REASON`: it is kept with the bag and shown in tables.
+        """
+        reason = ' '.join(message.data.split())[:REASON] or 'no reason given'
+        self.keeper.ask(time.monotonic_ns(), f'asked for: {reason}')
 
     def _on_capture(self, request: Trigger.Request, response: Trigger.Response) -> Any:
         """Capture."""

@@ -21,6 +21,7 @@ class Row:
     Attributes:
         when: it was entered.
         alias: 'champion', 'challenger' or ''.
+        captured: why the recording that it was made from was captured, '' where there is none.
         verdict: the last decision on it, with its reason or evidence in short.
         changed: from its parent, in one sentence.
     """
@@ -29,6 +30,7 @@ class Row:
     when: datetime
     alias: str
     parent: str
+    captured: str
     verdict: str
     changed: str
     plant: str
@@ -64,8 +66,9 @@ def rows(store: Store) -> list[Row]:
         except ModelError:
             plant = ''
         found.append(Row(version.name, entered(version), aliases.get(version.name, ''),
-                         version.parent or '', verdict(version), str(version.record['changed']),
-                         plant))
+                         version.parent or '',
+                         '; '.join((version.record.get('bag') or {}).get('why', [])),
+                         verdict(version), str(version.record['changed']), plant))
     return found
 
 
@@ -108,5 +111,5 @@ def courses(versions: Sequence[Version]) -> list[Course]:
 def plain(row: Row) -> Mapping[str, Any]:
     """Lay a row out for JSON."""
     return {'version': row.version, 'when': row.when.isoformat(timespec='seconds'),
-            'alias': row.alias, 'parent': row.parent, 'verdict': row.verdict,
-            'changed': row.changed}
+            'alias': row.alias, 'parent': row.parent, 'captured': row.captured,
+            'verdict': row.verdict, 'changed': row.changed}

@@ -143,7 +143,7 @@ class Store:
             model: its file; weights named in it are copied from beside it.
             by: who or what enters it.
             reports: folder of a trace, whose report.json and report.html are copied.
-            bag: path and SHA-256 of the recording that it was made from.
+            bag: path and SHA-256 of the recording that it was made from, and why that was made.
             as_challenger: whether the alias challenger moves to it.
 
         Raises:

@@ -2,114 +2,20 @@
 from __future__ import annotations
 
 import json
-from pathlib import Path
 import re
-import shutil
-import time
 
+from keep_loop import Loop
 import pytest
-from rosbags.typesys import get_typestore, Stores
-from store_models import write
 
 from hydro_twin.errors import UserError
-from hydro_twin.keep import keeper as module
-from hydro_twin.keep.keeper import Keeper
 from hydro_twin.keep.limits import parse
 from hydro_twin.keep.ring import SECOND
 from hydro_twin.keep.settings import SETTINGS
-from hydro_twin.keep.tracing import NotEnoughError, TraceError
 from hydro_twin.recording.digest import source_of
+from hydro_twin.store.history import rows
 from hydro_twin.store.lineage import recordings
-from hydro_twin.store.store import Store
 
-STORE = get_typestore(Stores.ROS2_JAZZY)
-STRING = 'std_msgs/msg/String'
-FRICTION = [('friction', 'motor', {'coulomb': (10.0, 0.1)})]
 REFIT = {'event': 'refit', 'model': '', 'rms': 3.0, 'promised': 1.0}
-
-
-class Loop:
-    """A keeper with a twin that runs whatever it is asked to, and a trace that finds friction."""
-
-    def __init__(self, folder: Path, monkeypatch: pytest.MonkeyPatch, **values: object) -> None:
-        self.folder = folder
-        self.values = {s.name: s.default for s in SETTINGS} | {
-            'after': 5.0, 'policy': 'auto', 'trial_least': 0.0, 'trial': 60.0} | values
-        self.announced: list[tuple[str, dict[str, object]]] = []
-        self.asked: list[Path] = []
-        self.refusal = self.lacks = ''
-        self.earlier: list[list[Path]] = []
-        self.finds: Path | None = write(folder / 'found.yaml', FRICTION)
-        self.now = 1000 * SECOND
-        self.first = write(folder / 'first.yaml')
-        monkeypatch.setattr(module, 'trace', self._trace)
-        self.start()
-        self.runs(self.first)
-
-    def start(self) -> None:
-        self.keeper = Keeper(Store(self.folder / 'store'), self.values.__getitem__,
-                             lambda event, **about: self.announced.append((event, about)),
-                             self.asked.append)
-        self.keeper.topics['/a'] = STRING, False
-        self.keeper.signals = {'u_m': None}
-
-    def runs(self, path: Path) -> None:
-        self.keeper.informed([{'name': '', 'path': str(path), 'mode': 'free_run',
-                               'sha256': source_of(path).sha256}])
-
-    def _trace(self, captured, champion, earlier, signals, bounds, stop) -> Path:
-        self.earlier.append(earlier)
-        if self.lacks:
-            raise NotEnoughError(self.lacks)
-        if self.finds is None:
-            raise TraceError('it holds no 3 samples in a row')
-        shutil.copy(self.finds, captured.folder / 'model.yaml')
-        return captured.folder
-
-    def tick(self, seconds: float = 1.0) -> None:
-        """Let some time pass, with a message a second and a twin that obeys."""
-        for _ in range(round(seconds)):
-            self.now += SECOND
-            self.keeper.ring.add('/a', self.now, self.now, STORE.serialize_cdr(
-                STORE.types[STRING]('x'), STRING))
-            self.keeper.tick(self.now)
-            while self.asked:
-                path = self.asked.pop()
-                if self.refusal:
-                    self.keeper.answered(self.refusal)
-                else:
-                    self.runs(path)
-
-    def until(self, condition) -> None:
-        """Tick until something is so; jobs are threads, which take their time."""
-        end = time.monotonic() + 60.0
-        while not condition():
-            assert time.monotonic() < end, (self.said(), self.announced)
-            self.tick()
-            time.sleep(0.01)
-
-    def events(self) -> list[str]:
-        return [event for event, _ in self.announced]
-
-    def said(self) -> str:
-        return self.keeper.status(self.now).message
-
-    def judged(self, champion: float, other: float, seconds: float = 30.0) -> None:
-        """Wait for a duel, and give it squared residuals."""
-        self.until(lambda: self.keeper.judge.duel is not None)
-        for k in range(round(seconds * 500)):
-            self.keeper.judge.duel.take(champion * (1 + k % 3), other * (1 + k % 3))
-        self.tick()
-
-    def champion(self) -> str:
-        return self.keeper.store.champion.name
-
-
-@pytest.fixture
-def loop(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
-    made = Loop(tmp_path, monkeypatch)
-    yield made
-    made.keeper.jobs.end(5.0)
 
 
 def test_an_event_becomes_a_promotion_that_is_confirmed(loop: Loop) -> None:
@@ -136,6 +42,8 @@ def test_an_event_becomes_a_promotion_that_is_confirmed(loop: Loop) -> None:
     record = loop.keeper.store.version('0002').record
     assert record['bag']['sha256'] == source_of(
         loop.folder / 'store' / record['bag']['path']).sha256
+    assert [row.captured for row in rows(loop.keeper.store)] == ['', record['bag']['why'][0]]
+    assert record['bag']['why'] == ['refit: the residual is 3, promised 1']
 
 
 def test_a_champion_that_does_worse_goes_back(loop: Loop) -> None:
@@ -253,7 +161,8 @@ def test_after_a_restart_it_goes_on(loop: Loop) -> None:
     loop.keeper.ask(loop.now, 'another')
     loop.until(lambda: bool(loop.keeper.waiting))
     loop.start()                            # as after a kill, while a challenger is judged
-    assert len(loop.keeper.waiting) == 1
+    (waits,) = loop.keeper.waiting
+    assert waits.why == ['another']
     loop.finds = None                       # so that nothing comes of it
     loop.runs(loop.first)
     loop.judged(4.0, 1.0)

@@ -71,7 +71,7 @@ def test_what_goes_wrong_is_one_line(tmp_path: Path, bounds: Bounds, stop: float
     if stop:
         Timer(stop, ended.set).start()
     with pytest.raises(TraceError, match=says) as raised:
-        trace(captured(tmp_path / 'captured', bag), model, [], SIGNALS, bounds, ended)
+        trace(captured(tmp_path / 'captured', bag), model, [], SIGNALS, 'free_run', bounds, ended)
     assert '\n' not in str(raised.value)
     assert str(raised.value)
 
@@ -81,8 +81,8 @@ def test_a_stretch_at_rest_is_not_traced(tmp_path: Path) -> None:
     write_recording(bag, [Series({name: np.zeros(1000) for name in SIGNALS}, 0.002)], SIGNALS)
     there = captured(tmp_path / 'captured', bag)
     with pytest.raises(NotEnoughError, match='T_g never moves in the recording'):
-        trace(there, write(tmp_path / 'model.yaml'), [], SIGNALS, Bounds(600.0, 8192.0, 0),
-              Event())
+        trace(there, write(tmp_path / 'model.yaml'), [], SIGNALS, 'free_run',
+              Bounds(600.0, 8192.0, 0), Event())
     assert not (there.folder / 'trace').exists()
 
 
@@ -92,9 +92,12 @@ def test_an_earlier_recording_that_cannot_be_read_is_left_out(tmp_path: Path) ->
                  '-o', str(tmp_path / 'bag')]) == 0
     there = captured(tmp_path / 'captured', tmp_path / 'bag')
     found = trace(there, write(tmp_path / 'model.yaml'), [tmp_path / 'gone'], SIGNALS,
-                  Bounds(600.0, 8192.0, 0), Event())
+                  'free_run', Bounds(600.0, 8192.0, 0), Event())
     assert json.loads((found / 'report.json').read_text())['memory'] is None
     assert 'gone' in (there.folder / 'trace.log').read_text()
+    regimes = json.loads((found / 'regimes.json').read_text())
+    assert regimes['mode'] == 'free_run'
+    assert regimes['holds'] == {}      # no recording but the one that the model was made from
 
 
 def test_a_trace_ends_with_the_node_even_where_that_is_killed(tmp_path: Path) -> None:
@@ -102,7 +105,7 @@ def test_a_trace_ends_with_the_node_even_where_that_is_killed(tmp_path: Path) ->
             'from hydro_twin.keep.capture import Captured\n'
             'from hydro_twin.keep.tracing import Bounds, trace\n'
             'trace(Captured(Path(sys.argv[1]), "0"), Path(sys.argv[2]), [], {}, '
-            'Bounds(600.0, 8192.0, 0), Event())\n')
+            '"free_run", Bounds(600.0, 8192.0, 0), Event())\n')
     there = captured(tmp_path / 'captured', ROOT / 'bags' / 'rig_a')
     model = write(tmp_path / 'model.yaml')
     with subprocess.Popen([sys.executable, '-c', code, str(there.folder), str(model)]) as node:

@@ -57,6 +57,7 @@ def test_an_effect_appears_and_a_model_that_names_it_runs(rig: Rig, tmp_path: Pa
     models = rig.listen('/hydro_twin/model_event', String)
     residuals = rig.listen('/hydro_twin/residual', JointState)
     rub = rig.node.create_publisher(Empty, '/wear', 10)
+    reason = rig.node.create_publisher(String, f'{KEEP}/capture', 10)
     keep = ['hydro_twin.commands.main', 'keep', *flags(
         store=store.path, before=60, after=2, nice=0, trial_least=2, **RELIABLE)]
     with subprocess.Popen([sys.executable, '-m', 'hydro_twin.ros.worn_rig', '--faster',
@@ -90,6 +91,12 @@ def test_an_effect_appears_and_a_model_that_names_it_runs(rig: Rig, tmp_path: Pa
                       PATIENCE)
             assert not happened(events, 'fault')
 
+            # It was judged by regime, on the edges that its recordings gave.
+            assert (champion.folder / 'regimes.json').is_file()
+            assert promoted['evidence']['regimes'].keys() == {
+                name for name, one in promoted['evidence']['regimes'].items()
+                if name.startswith('T_g ') and one['rms_newer'] < one['rms_older']}
+
             # The bag that it was made from holds the inputs, and the latched topic.
             bag = store.path / champion.record['bag']['path']
             recording = read_recording([bag], load_signals(
@@ -104,6 +111,11 @@ def test_an_effect_appears_and_a_model_that_names_it_runs(rig: Rig, tmp_path: Pa
             assert not rig.service(f'{KEEP}/promote').success      # no challenger is left
             asked = rig.service(f'{KEEP}/capture')
             assert asked.message == 'captures, 2 s to come'
+            events.clear()
+            reason.publish(String(data='the oil\n was changed'))
+            captured = rig.until(lambda: happened(events, 'captured'), 'it is captured', PATIENCE)
+            assert captured['why'][-1] == 'asked for: the oil was changed'
+            assert 'the oil was changed' in (Path(captured['bag']) / 'metadata.yaml').read_text()
         # By the verb, while keep is away; it reads the store when it starts.
         store.promote('0002', 'a person')
         with process(*keep, '-p', 'policy:=ask'):
