@@ -58,7 +58,8 @@ def cluster(folder: Path, workers: int) -> Iterator[Cluster]:
         scheduler = start('distributed.cli.dask_scheduler', '--host', '127.0.0.1', '--port', '0',
                           '--dashboard-address', '127.0.0.1:0')
         members = [start('distributed.cli.dask_worker', '--nthreads', '1', '--no-dashboard',
-                         '--local-directory', str(folder)) for _ in range(workers)]
+                         '--preload', 'hydro_twin.fleet.worker', '--local-directory', str(folder))
+                   for _ in range(workers)]
         end = time.monotonic() + LONGEST
         while not place.exists():
             if scheduler.poll() is not None or time.monotonic() > end:

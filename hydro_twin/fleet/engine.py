@@ -21,10 +21,17 @@ CONNECT = '10s'         # to wait for a scheduler
 # new one is there in seconds, but on a machine with much else to do not in the 15 s of Dask.
 PATIENCE = '10 minutes'
 # Dask checks 50 times a second whether its event loops are late, and 10 times how much memory is
-# left, in every worker and beside them, which takes time from the traces.
-SELDOM = {'distributed.worker.profile.enabled': False, 'distributed.admin.tick.interval': '500ms',
-          'distributed.worker.memory.monitor-interval': '500ms',
-          'distributed.admin.system-monitor.interval': '2s'}
+# left, in every worker and beside them, which takes time from the traces. These take seconds, so
+# that it is enough to look every other second (an event loop is called late from 3 s on).
+SELDOM = {'distributed.worker.profile.enabled': False, 'distributed.admin.tick.interval': '2s',
+          'distributed.admin.tick.cycle': '10s',
+          'distributed.worker.memory.monitor-interval': '2s',
+          'distributed.admin.system-monitor.interval': '10s',
+          'distributed.client.scheduler-info-interval': '1 minute'}
+# A worker keeps 3 kB of each task in its logs, up to the last 1000 events. They lie in between the
+# memory of the traces, which cannot be given back then. Nobody reads them here.
+LOGS = dict.fromkeys(('distributed.admin.log-length', 'distributed.admin.low-level-log-length',
+                      'distributed.admin.system-monitor.log-length'), 10)
 # Which of these has the traceback of a lost connection depends on what was under way.
 LOGGERS = ('distributed.client', 'tornado.application', 'asyncio')
 PRELOAD = 'hydro_twin.fleet.worker'
@@ -49,7 +56,7 @@ def dask_executor(scheduler: str, workers: int | None, say: Callable[[str], None
 
     settings = {'distributed.scheduler.allowed-failures': DEATHS,
                 'distributed.scheduler.no-workers-timeout': PATIENCE,
-                'distributed.deploy.lost-worker-timeout': PATIENCE, **SELDOM}
+                'distributed.deploy.lost-worker-timeout': PATIENCE, **SELDOM, **LOGS}
     with ExitStack() as stack:
         stack.enter_context(dask.config.set(settings))
         stack.enter_context(_quiet())
@@ -109,7 +116,8 @@ def work[T, R](function: Callable[[T], R], items: Sequence[T], executor: Executo
             except RuntimeError as error:       # a pool that broke meanwhile
                 yield k, error
         for future in as_completed(waiting):
-            k, outcome = waiting[future], outcome_of(future)
+            # Not kept here, since a worker of Dask keeps a result for as long as its future is.
+            k, outcome = waiting.pop(future), outcome_of(future)
             if _gave_up(outcome):
                 suspects.append(k)
             else:

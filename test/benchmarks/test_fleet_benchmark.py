@@ -1,4 +1,4 @@
-"""The benchmark of the engine, small: plain loops and Dask come to the same results."""
+"""The benchmark of the engine, small: loops and Dask come to the same results."""
 import re
 import subprocess
 import sys
@@ -13,4 +13,4 @@ def test_loops_and_workers_trace_the_same():
                            '1'], capture_output=True, text=True, check=False)
     assert done.returncode == 0, done.stdout + done.stderr
     assert re.findall(r'^(\d \w+): [\d.]+ s a trace', done.stdout, re.MULTILINE) == [
-        '1 loop', '1 worker', '2 loops', '2 workers']
+        '1 shell', '1 loop', '1 worker', '2 shells', '2 loops', '2 workers']
