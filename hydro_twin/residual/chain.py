@@ -12,7 +12,7 @@ from hydro_twin.fitting.output_error import initial_states
 from hydro_twin.fitting.parts import Part
 from hydro_twin.predictors.scores import rms
 from hydro_twin.residual.context import Context, effects_of
-from hydro_twin.residual.criterion import by_part, CLEARLY, criterion, gain_p_value
+from hydro_twin.residual.criterion import CLEARLY, criterion, gain_p_value
 from hydro_twin.residual.findings import (
     Chain,
     explained_share,
@@ -23,7 +23,6 @@ from hydro_twin.residual.findings import (
     share,
     TRIED,
 )
-from hydro_twin.residual.noise import noise_floor
 from hydro_twin.residual.proof import improvement, proof, residuals
 from hydro_twin.residual.select import (
     Alternative,
@@ -47,7 +46,6 @@ ENOUGH = 0.5            # least share above the noise that each takes off, if so
 AS_MUCH = 0.8           # share of a hysteretic law's gain from which a static one is enough
 PREDICTED = 0.05        # p-value below which the port signals predict the residual
 SURELY_PREDICTED = 1e-4     # and below which they certainly do
-NOISY = 2.0             # ratio of error to noise above which the residual is not all noise
 HELD_OUT = 1.2          # ratio of held-out to training error above which it is not chance
 RIVALS = 1.5            # error over that of the effect in place: what leaves more after ten
 #                         evaluations is no rival to it
@@ -214,18 +212,14 @@ def supported(chain: Chain, without: Fit, context: Context) -> Chain:
 def _leaves_something(chain: Chain, context: Context) -> bool:
     """Whether the residual cannot be noise.
 
-    The port signals or time predict it, or it is larger on held-out data. With several effects,
-    or a close rival, it is enough that it is larger than white noise: they may have been fitted
-    to coloured noise.
+    The port signals or time predict it, or it is larger on held-out data. That it is larger than
+    white noise does not show it: the noise may be coloured.
     """
     fit = chain.fit
     held_out = rms(np.concatenate(residuals(fit, context.held_out)))
-    doubtful = len(chain.findings) > 1 or any(
-        _nearest(f, fit.candidate.effects[f.index].effect) < NEAR for f in chain.findings)
     return (predicted_by_ports(fit, context.parts)[1] < PREDICTED
             or drifts(drift(fit, context.parts))
-            or not held_out <= HELD_OUT * fit.error
-            or (doubtful and fit.error > NOISY * noise_floor(by_part(fit))))
+            or not held_out <= HELD_OUT * fit.error)
 
 
 def _nearest(found: Finding, effect: Effect) -> float:

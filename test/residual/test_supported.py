@@ -6,14 +6,17 @@ from functools import cache
 
 import numpy as np
 import pytest
+from scipy.signal import lfilter
 from traced_rig import fitted, PLANT, record
 
 from hydro_twin.fitting.output_error import residuals
 from hydro_twin.model import place
+from hydro_twin.recording.series import Recording
 from hydro_twin.residual.chain import _exchange, _proven, supported
 from hydro_twin.residual.context import Context
 from hydro_twin.residual.criterion import by_part, likelihood_gain
 from hydro_twin.residual.findings import Chain, explained_share, Finding
+from hydro_twin.residual.noise import noise_floor
 from hydro_twin.residual.select import Alternative, search, searched
 from hydro_twin.result import Improvement
 
@@ -24,7 +27,11 @@ BIAS = ('bias', 'motor', {'offset': 2.0})
 @pytest.fixture(scope='module')
 def grown():
     """Return a function from effects to their fit, the fit without any, and a fresh context."""
-    alone, parts, held_out = fitted(record(FRICTION, BIAS))
+    return growing(record(FRICTION, BIAS))
+
+
+def growing(recording):
+    alone, parts, held_out = fitted(recording)
 
     @cache
     def fit(*effects):
@@ -54,6 +61,18 @@ def test_one_beside_a_larger_one_that_is_lacking_is_dropped(grown):
     chain, alone, context = grown(BIAS)
     assert explained_share(alone, chain.fit) < 0.5
     assert names(supported(chain, alone, context)) == []
+
+
+def test_what_coloured_noise_leaves_is_nothing_that_is_missing():
+    """Far more than white noise, with which the bias would explain less than half."""
+    rng, clean = np.random.default_rng(0), record(FRICTION, BIAS, noise=0.0)
+    noisy = [replace(one, columns={**one.columns, 'T_g': one['T_g'] + lfilter(
+        [0.44], [1.0, -0.9], 3.0 * rng.standard_normal(len(one)))}) for one in clean.series]
+    make = growing(Recording(tuple(noisy)))
+    chain, alone, context = make(FRICTION, BIAS)
+    assert chain.fit.error > 2.0 * noise_floor(by_part(chain.fit))
+    assert explained_share(make(FRICTION)[0].fit, chain.fit) < 0.5
+    assert names(supported(chain, alone, context)) == ['friction', 'bias']
 
 
 def test_data_that_were_not_fitted_are_likelier_with_what_is_there(grown):
