@@ -69,6 +69,9 @@ class NoiseEntry(Struct, kw_only=True):
     follow: Annotated[dict[str, NotNegative], Meta(
         description='parameters that are followed, and the relative change of each over the root '
                     'of a second')] | UnsetType = UNSET
+    sensor_noise: Annotated[dict[str, Positive], Meta(
+        description='standard deviation of each sensor that the observer uses, in its unit'
+    )] | UnsetType = UNSET
 
 
 class Bag(Struct, kw_only=True):
