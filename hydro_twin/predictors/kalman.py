@@ -24,10 +24,10 @@ from hydro_twin.predictors.step_derivatives import advance, divided, output, rea
 # When a sensor is believed: the square of its innovation is compared with the variance that the
 # filter expects, sample by sample [Bar-Shalom, Li and Kirubarajan 2001, 5.4]. Five standard
 # deviations are passed by chance once in two million samples. A reading that hangs or is off may
-# come closer for a while, so the mean of these ratios over about `MEMORY` samples, each counted as
-# no more than the gate, must also stay below `LASTING`: twice the expected deviation, which chance
-# alone does not reach (fifteen of its standard deviations), and a single outlier neither.
-GATE, MEMORY, LASTING = 5.0 ** 2, 50.0, 2.0 ** 2
+# come closer for a while, so the mean of these ratios over about `MEMORY` samples, none counted as
+# more than the gate, must also stay below `LASTING` of it: twice the expected deviation, which
+# chance alone does not reach (fifteen of its standard deviations), and single outliers neither.
+GATE, MEMORY, LASTING = 5.0 ** 2, 50.0, 0.16
 
 
 class Filter(NamedTuple):
@@ -40,6 +40,7 @@ class Filter(NamedTuple):
         used: columns at work: N, those of the process noise, and one for each law.
         variances: of the noise of the output and of each sensor of the plant, (1 + R,); nan of a
             sensor whose noise is not known, which is not used.
+        gate: squared innovation of a sensor over its variance beyond which it is not believed.
         most: standard deviation of the predicted output beyond which the covariance begins anew.
         shown: what is estimated beside the prediction, as sums of states, memory and parameters,
             then inputs and what effects add to the ports, (R, N + m + P).
@@ -50,6 +51,7 @@ class Filter(NamedTuple):
     walks: FloatArray
     used: int
     variances: FloatArray
+    gate: float
     most: float
     shown: FloatArray
 
@@ -195,7 +197,7 @@ def read_sensors(  # type: ignore[no-untyped-def]
 
 @compiled
 def take_in_sensors(  # type: ignore[no-untyped-def]
-        S, slopes, variances, misfit, x, z, slow, gain, measured, result):
+        S, slopes, variances, gate, misfit, x, z, slow, gain, measured, result):
     """Take in what the sensors read at a sample, one after another, as far as it is believed."""
     for o in range(1, len(measured)):
         innovation = measured[o] - result[2 * o]
@@ -203,8 +205,8 @@ def take_in_sensors(  # type: ignore[no-untyped-def]
             noise, variance = spread(variances[o], slopes[o], len(S))
             result[2 * o + 1] = variance
             ratio = innovation * innovation / variance
-            misfit[o] += (min(ratio, GATE) - misfit[o]) / MEMORY
-            if ratio <= GATE and misfit[o] <= LASTING:
+            misfit[o] += (min(ratio, gate) - misfit[o]) / MEMORY
+            if ratio <= gate and misfit[o] <= LASTING * gate:
                 take_in(S, slopes[o], noise, variance, innovation, x, z, slow, gain)
                 move_sensors(len(S), slopes, o, noise, variance, innovation, result)
 
@@ -272,8 +274,8 @@ def run(  # type: ignore[no-untyped-def]
             if measured.shape[1] > 1:
                 move_sensors(N, slopes, 0, noise, variance, innovation, results[k])
         if known and measured.shape[1] > 1:
-            take_in_sensors(S, slopes, variances, misfit, x, z, slow, free, measured[k],
-                            results[k])
+            take_in_sensors(S, slopes, variances, filter_.gate, misfit, x, z, slow, free,
+                            measured[k], results[k])
         if len(estimates) > 0:
             show(filter_.shown, S, x, z, q, work[1, :m], work[5, :P], free, estimates[k])
         if slow is not None:

@@ -9,7 +9,7 @@ from scipy.linalg import expm
 
 from hydro_twin.plants.plant import FloatArray, Laws
 from hydro_twin.predictors.follow import Followed
-from hydro_twin.predictors.kalman import Filter, run, Scratch
+from hydro_twin.predictors.kalman import Filter, GATE, run, Scratch
 from hydro_twin.predictors.quantities import quantities_of
 from hydro_twin.predictors.rows import in_rows, WIDTH
 from hydro_twin.predictors.step_derivatives import partials, room_for
@@ -92,7 +92,7 @@ class Observer:
         self.columns = used - K
         deviations = [noise.measurement, *(noise.sensors.get(sensor.name, math.nan)
                                            for sensor in system.plant.sensors)]
-        self.filter = Filter(start, process, walks, used, np.square(deviations),
+        self.filter = Filter(start, process, walks, used, np.square(deviations), GATE,
                              USELESS * system.plant.output_scale,
                              np.vstack([shown, np.eye(N, shown.shape[1])[N - Q:]]))
         self.stages = tuple((stage.step, tangent_of(stage, NONE)._replace(rest=self.columns))

@@ -7,6 +7,7 @@ import pytest
 from scipy.linalg import expm
 from scipy.signal import cont2discrete
 
+from hydro_twin.fitting.noise import estimate_noise
 from hydro_twin.model import Model, Noise, place
 from hydro_twin.plants import PLANTS
 from hydro_twin.predictors.analytical import Analytical
@@ -174,6 +175,25 @@ def test_the_bands_hold_the_truth_and_grow_where_a_sensor_fails(effects):
     assert after[0] > 1.4 * before[0]           # of the spool, whose sensor failed
     assert (after > before).all()
     assert (after < 0.7 * np.sqrt(np.mean(alone[parts[1], 1, :4] ** 2, axis=0))).all()
+
+
+@pytest.mark.parametrize('sensors', [('p_L',), ('omega_m',), ('p_L', 'omega_m')])
+def test_the_likelihood_tells_the_noise_of_each_sensor(sensors):
+    """The torque alone would not tell it from that of the process here."""
+    series, true = rig()
+    recorded = replace(series, columns={name: series[name] for name in (
+        'u_m', 'theta_d', 'T_g', *sensors)})
+    model = model_of(LOAD)
+    noise = estimate_noise(model, [recorded])
+    right = predictor().model.noise
+    assert noise.measurement == pytest.approx(right.measurement, rel=0.06)
+    assert list(noise.sensors) == [*sensors]
+    for name, value in noise.sensors.items():
+        assert value == pytest.approx(right.sensors[name], rel=0.2), name
+    assert noise.process['x_v'] == pytest.approx(right.process['x_v'], rel=0.15)
+    known = Analytical(replace(model, noise=noise))
+    held = shares(series, true, known.observed(recorded)[1], slice(250, None))
+    assert all(0.9 < share < 0.98 for share in held.values()), held
 
 
 def test_a_model_that_knows_no_sensor_passes_them_over():
