@@ -110,6 +110,12 @@ class Twin:
         parameters: FloatArray = self._stepper.parameters   # type: ignore[attr-defined]
         return parameters
 
+    @property
+    def sensors(self) -> Mapping[str, bool]:
+        """The sensors whose noise the model knows, and whether each is believed by now."""
+        observation = getattr(self._stepper, 'observation', None)
+        return {} if observation is None else observation.believed
+
     def ahead(self, samples: int) -> tuple[float, float] | None:
         """Predict the output so many samples after the last, and its standard deviation.
 
@@ -129,18 +135,20 @@ class Twin:
         """Whether the last sample is past the start-up, which no error counts."""
         return self._count > self._unscored
 
-    def step(self, stamp: int, inputs: FloatArray, measured: float) -> float:
+    def step(self, stamp: int, inputs: FloatArray, measured: float,
+             sensors: FloatArray | None = None) -> float:
         """Predict the output of the next sample.
 
         Args:
             stamp: of the sample [ns].
             inputs: shape (m,).
             measured: the output, nan where it is not known.
+            sensors: what is measured beside it, see `Stepper`.
 
         Returns:
             The prediction, nan while the run starts up or where it has diverged.
         """
-        prediction = self._step(inputs, measured, stamp)
+        prediction = self._step(inputs, measured, stamp, sensors)
         self._count += 1
         if self._locator is not None:
             self._locator.add(stamp, inputs, measured)

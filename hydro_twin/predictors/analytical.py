@@ -175,7 +175,8 @@ class FreeRun:
         self.z = np.zeros(system.memory)
         self.work = system.work()
 
-    def step(self, inputs: FloatArray, measured: float, stamp: int | None = None) -> float:
+    def step(self, inputs: FloatArray, measured: float, stamp: int | None = None,
+             sensors: FloatArray | None = None) -> float:   # noqa: ARG002
         """Predict the output of the next sample; see `Stepper`."""
         s = self.system.at(stamp)
         self.take(inputs, measured, s)
@@ -276,7 +277,8 @@ class OneStep:
         self.count = 0
         self.k = -1
 
-    def step(self, inputs: FloatArray, measured: float, stamp: int | None = None) -> float:
+    def step(self, inputs: FloatArray, measured: float, stamp: int | None = None,
+             sensors: FloatArray | None = None) -> float:   # noqa: ARG002
         """Predict the output of the next sample; see `Stepper`."""
         self.k += 1
         if self.k == len(self.inputs):

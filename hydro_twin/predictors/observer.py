@@ -9,7 +9,7 @@ from scipy.linalg import expm
 
 from hydro_twin.plants.plant import FloatArray, Laws
 from hydro_twin.predictors.follow import Followed
-from hydro_twin.predictors.kalman import Filter, GATE, run, Scratch
+from hydro_twin.predictors.kalman import Filter, GATE, LASTING, run, Scratch
 from hydro_twin.predictors.quantities import quantities_of
 from hydro_twin.predictors.rows import in_rows, WIDTH
 from hydro_twin.predictors.step_derivatives import partials, room_for
@@ -51,6 +51,14 @@ class Observation:
             followed, slow = self.observer.followed, self.slow
             if followed and slow and (np.abs(slow.now - slow.at) > slow.far).any():
                 self.stages = (followed.stage(slow, self.observer.columns),)
+
+    @property
+    def believed(self) -> dict[str, bool]:
+        """The sensors whose noise is known, and whether each is believed by now; see `kalman`."""
+        misfit, known = self.scratch.misfit, self.observer.filter
+        return {sensor.name: bool(misfit[k] <= LASTING * known.gate)
+                for k, sensor in enumerate(self.observer.system.plant.sensors, 1)
+                if math.isfinite(known.variances[k])}
 
     def copy(self) -> Observation:
         """Copy it, to go on with while this one stays."""

@@ -88,7 +88,7 @@ class Inputs:
             if (duel := keeper.judge.duel) is not None:
                 if aligner.first:
                     duel.restart()
-                duel.step(aligner.stamp, aligner.inputs, aligner.measured)
+                duel.step(aligner.stamp, aligner.inputs, aligner.measured, aligner.sensors)
 
     def look(self) -> None:
         """Subscribe to what else is captured, once it is published; find what is latched.

@@ -246,7 +246,7 @@ class TwinNode(LifecycleNode):
             for outlet in self._outlets:
                 if aligner.first:
                     outlet.restart()
-                outlet.step(aligner.stamp, aligner.inputs, aligner.measured)
+                outlet.step(aligner.stamp, aligner.inputs, aligner.measured, aligner.sensors)
 
     def _swap(self) -> None:
         """Let freshly loaded twins take over, between two samples."""
