@@ -39,6 +39,64 @@ def test_messages_become_samples() -> None:
     assert said(sink, '/joint_states') == (Level.OK, 'coming in')
 
 
+def sensed() -> Sink:
+    """Take the samples of a twin that listens to two sensors, one of them with the joints."""
+    signals = SIGNALS | {
+        'omega_m': SignalMap('/joint_states', 'sensor_msgs/msg/JointState', 'velocity[0]'),
+        'x_v': SignalMap('/spool', 'sensor_msgs/msg/JointState', 'position[0]')}
+    return Sink(Live(PLANT, signals, 0.002, 0.02))
+
+
+def test_without_the_sensors_that_are_configured_all_is_as_before() -> None:
+    """No message has a velocity, and nobody publishes the spool."""
+    sink = sensed()
+    sink.run(range(50))
+    assert sink.samples == expected(range(50))
+    assert np.isnan(sink.live.aligner.sensors).all()
+    assert said(sink, '/joint_states') == (Level.OK, 'coming in')
+    assert said(sink, '/spool', publishers=0) == (Level.OK, 'no such sensor')
+    assert said(sink, '/spool', publishers=1) == (Level.WARN, 'nothing has come yet')
+
+
+def test_a_sensor_that_stops_is_said_and_stops_nothing() -> None:
+    sink = sensed()
+    read = []
+    for k in range(100):
+        if k < 40:
+            sink.feed(2, joint_state(START + k * STEP, ['spool'], [5 * k]))
+        sink.run([k])
+        read.append(sink.live.aligner.sensors.tolist())
+    assert sink.samples[:80] == expected(range(100))[:80]
+    assert len(sink.samples) == 100
+    x_v = [sensor.name for sensor in PLANT.sensors].index('x_v')
+    # The other sensor, which never comes, was waited for at the start.
+    assert [row[x_v] for row in read[15:40]] == [5.0 * k for k in range(15, 40)]
+    assert np.isnan(read[-1]).all()
+    diagnosis = Diagnosis(sink.live, [])
+    diagnosis.statuses(0, 1.0, {})
+    status = next(s for s in diagnosis.statuses(10**9, 1.0, {'/spool': 1}) if '/spool' in s.part)
+    assert (status.level, status.message) == (Level.WARN, 'nothing for 1.0 s')
+    assert status.values['x_v filled'] == '1'
+
+
+def test_a_sensor_that_contradicts_the_others_is_said() -> None:
+    noise = Noise(1.0, {'x_v': 1e-6}, {'x_v': 1e-5, 'p_L': 1e6, 'omega_j': 0.1, 'theta_j': 0.01},
+                  sensors={'omega_m': 1e-3})
+    predictor = replace(model(), noise=noise).predictor()
+    twin = Twin('', predictor, 'observer')
+    sensors = np.full(len(PLANT.sensors), math.nan)
+    for k in range(400):
+        sensors[-1] = 0.0 if k < 100 else 10.0
+        twin.step(k * STEP, np.zeros(2), 0.0, sensors)
+        if not 100 <= k < 110:
+            assert twin.sensors == {'omega_m': k < 100}
+    assert abs(twin.estimate[0, 2]) < 1e-3
+    status = Diagnosis(Sink().live, [twin]).statuses(0, 1.0, {})[-1]
+    assert status.level == Level.WARN
+    assert status.message == 'omega_m contradicts the other measurements: left out'
+    assert status.values['sensors left out'] == 'omega_m'
+
+
 def test_joints_may_change_places_and_messages_their_size() -> None:
     sink = Sink()
     for k in range(40):
