@@ -72,6 +72,10 @@ class NoiseEntry(Struct, kw_only=True):
     sensor_noise: Annotated[dict[str, Positive], Meta(
         description='standard deviation of each sensor that the observer uses, in its unit'
     )] | UnsetType = UNSET
+    innovation: Annotated[Positive, Meta(
+        description='RMS of the standard deviation that the observer expects of its innovation '
+                    'with the sensors of the recording, in the unit of the output'
+    )] | UnsetType = UNSET
 
 
 class Bag(Struct, kw_only=True):

@@ -2,7 +2,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import product
 import math
 
@@ -146,7 +146,12 @@ def estimate_noise(model: Model, series: Sequence[Series]) -> Noise | None:
         likelihood.loss, begin, method='L-BFGS-B', bounds=bounds,
         options={'ftol': NAT / sum(map(len, parts)), 'eps': PARTS}) for begin in starts),
         key=lambda one: float(one.fun))
-    return likelihood.noise(found.x) if found.fun < LOST else None
+    if not found.fun < LOST:
+        return None
+    noise = likelihood.noise(found.x)
+    expected = np.concatenate([variance[min(model.start_up, len(variance) // 2):, 0]
+                               for _, variance in likelihood.innovations(noise)])
+    return replace(noise, innovation=math.sqrt(expected.mean()) if noise.sensors else None)
 
 
 def excerpts(series: Sequence[Series]) -> list[Series]:

@@ -45,6 +45,8 @@ class Twin:
         self.residual = math.nan
         self.promised = predictor.model.record.promised(mode)
         self._unscored = unscored(predictor.plant, predictor.sample_time, mode)
+        noise = predictor.model.noise
+        self._expected = noise.innovation if noise and mode == OBSERVER else None
         self._limit = ABSURD * predictor.plant.output_scale
         self.start_over()
 
@@ -130,6 +132,16 @@ class Twin:
         for _ in range(plant.order + 2):
             stepper.step(np.zeros(len(plant.inputs)), 0.0)
 
+    def _judged(self) -> float:
+        """Return the last residual as it would be with the sensors that the promise was made with.
+
+        While one is missing the observer knows less, and so expects a larger residual.
+        """
+        if self._expected is None:
+            return self.residual
+        deviation: float = self._stepper.deviation      # type: ignore[attr-defined]
+        return self.residual * self._expected / deviation
+
     @property
     def scored(self) -> bool:
         """Whether the last sample is past the start-up, which no error counts."""
@@ -163,5 +175,5 @@ class Twin:
         self.residual = measured - prediction
         if (self.monitor is not None and self.residual == self.residual     # not nan
                 and self.scored):                                           # as the promise
-            self.monitor.add(stamp, self.residual)
+            self.monitor.add(stamp, self._judged())
         return prediction

@@ -73,6 +73,7 @@ def _noise_entry(noise: Noise) -> dict[str, Any]:
         'start': dict(noise.start),
         **({'follow': dict(noise.follow)} if noise.follow else {}),
         **({'sensor_noise': dict(noise.sensors)} if noise.sensors else {}),
+        **({'innovation': noise.innovation} if noise.innovation is not None else {}),
     }
 
 
@@ -212,17 +213,20 @@ def _noise(raw: Mapping[str, Any], plant: Plant) -> Noise:
               for name, rate in (raw.get('follow') or {}).items()}
     sensors = {name: _number(f'observer: sensor_noise of {name}', value)
                for name, value in (raw.get('sensor_noise') or {}).items()}
+    innovation = (_number('observer: innovation', raw['innovation']) if 'innovation' in raw
+                  else None)
     noise = Noise(_number('observer: measurement_noise', raw['measurement_noise']), process, start,
-                  follow, sensors)
+                  follow, sensors, innovation)
     if unknown := sorted(sensors.keys() - {sensor.name for sensor in plant.sensors}):
         raise ModelError(f'observer: {plant.name} has no sensor {", ".join(unknown)}')
     if not set(process) <= set(start) == set(plant.states):
         raise ModelError(f'observer: the states of {plant.name} are {", ".join(plant.states)}')
     others = (*process.values(), *start.values(), *follow.values())
-    if not (all(0.0 < value < math.inf for value in (noise.measurement, *sensors.values()))
+    if not (all(0.0 < value < math.inf for value in (
+            noise.measurement, *sensors.values(), 1.0 if innovation is None else innovation))
             and all(0.0 <= value < math.inf for value in others)):
-        raise ModelError('observer: measurement_noise and sensor_noise must be above 0, '
-                         'process_noise, start and follow at least 0, and all finite')
+        raise ModelError('observer: measurement_noise, sensor_noise and innovation must be above '
+                         '0, process_noise, start and follow at least 0, and all finite')
     return noise
 
 

@@ -231,6 +231,11 @@ class Observed(FreeRun):
         super().take(inputs, measured, system)
 
     @property
+    def deviation(self) -> float:
+        """Standard deviation of the innovation at the last sample."""
+        return math.sqrt(self.results[self.k, 1])
+
+    @property
     def estimate(self) -> FloatArray:
         """What the observer shows at the last sample, and the standard deviations, (2, R)."""
         estimate: FloatArray = self.estimates[self.k, :, :len(self.observer.names)]

@@ -17,7 +17,7 @@ from hydro_twin.live.outlet import Outlet
 from hydro_twin.live.reader import Reader
 from hydro_twin.live.twin import Twin
 from hydro_twin.live.writer import Writer
-from hydro_twin.model import Noise, write_model
+from hydro_twin.model import Noise, Record, write_model
 from hydro_twin.recording.cdr import CdrError
 from hydro_twin.recording.signals import SignalMap
 
@@ -95,6 +95,44 @@ def test_a_sensor_that_contradicts_the_others_is_said() -> None:
     assert status.level == Level.WARN
     assert status.message == 'omega_m contradicts the other measurements: left out'
     assert status.values['sensors left out'] == 'omega_m'
+
+
+def test_a_sensor_that_fails_is_no_reason_to_refit() -> None:
+    """The residual then grows by half, as the observer expects."""
+    rng = np.random.default_rng(1)
+    linear = model()
+    rate = 2e-4                     # of the spool, by noise on the command
+    values = linear.values
+    loud = rate * values['K_p'] / values['K_sv'] / math.sqrt(0.002)
+    n, t = 40_000, 0.002 * np.arange(40_000)
+    inputs = np.column_stack([np.sin(9.0 * t), 0.01 * np.sin(7.0 * t)])
+    true = np.empty((n, len(linear.system.step.H)))
+    y = linear.system.run(inputs + loud * rng.normal(size=n)[:, None] * [1.0, 0.0],
+                          np.zeros(PLANT.order), seen=true)
+    sensors = np.full((n, len(PLANT.sensors)), math.nan)
+    sensors[:, -1] = true[:, -1] + 5e-3 * rng.normal(size=n)
+    measured = y + 0.5 * rng.normal(size=n)
+    noise = Noise(0.5, {'x_v': rate}, dict.fromkeys(PLANT.states, 0.0),
+                  sensors={'omega_m': 5e-3})
+    sound = replace(linear, noise=noise).predictor()
+    results, _ = sound.filter.run(inputs, np.column_stack([measured, sensors]))     # type: ignore
+    promise = float(np.sqrt(np.mean((measured - results[:, 0])[:10_000] ** 2)))
+    innovation = float(np.sqrt(np.mean(results[:10_000, 1])))
+    sensors[20_000:] = math.nan
+    for expected, rises in ((innovation, False), (None, True)):
+        twin = Twin('', replace(
+            linear, noise=replace(noise, innovation=expected),
+            record=Record(errors={'after': {'observer': {'test': promise}}})).predictor(),
+            'observer')
+        residuals = []
+        for k in range(n):
+            twin.step(k * STEP, inputs[k], measured[k], sensors[k])
+            residuals.append(twin.residual)
+            if k % 500 == 0:
+                twin.judge()
+        assert twin.monitor is not None
+        assert (twin.monitor.rise is not None) == rises
+        assert np.std(residuals[21_000:]) > 1.3 * np.std(residuals[1000:20_000])
 
 
 def test_joints_may_change_places_and_messages_their_size() -> None:

@@ -192,6 +192,8 @@ def test_the_likelihood_tells_the_noise_of_each_sensor(sensors):
         assert value == pytest.approx(right.sensors[name], rel=0.2), name
     assert noise.process['x_v'] == pytest.approx(right.process['x_v'], rel=0.15)
     known = Analytical(replace(model, noise=noise))
+    missed = (series['T_g'] - known.observer(recorded))[250:]
+    assert noise.innovation == pytest.approx(np.sqrt(np.mean(missed ** 2)), rel=0.06)
     held = shares(series, true, known.observed(recorded)[1], slice(250, None))
     assert all(0.9 < share < 0.98 for share in held.values()), held
 

@@ -43,7 +43,7 @@ def model(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 @pytest.fixture(scope='module')
 def bag(tmp_path_factory: pytest.TempPathFactory, model: Path) -> Path:
-    """What the model does, with noise; the pressure fails half-way."""
+    """Record what the model does, with noise; the pressure fails half-way."""
     rng, time_ = np.random.default_rng(3), np.arange(SAMPLES) * 0.002
     columns = {'u_m': 0.3 * np.sin(2 * np.pi * 7 * time_), 'theta_d': 0.01 * np.sin(9 * time_),
                'T_g': np.zeros(SAMPLES)}
