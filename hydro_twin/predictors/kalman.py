@@ -145,11 +145,10 @@ def spread(noise, slope, N):  # type: ignore[no-untyped-def]
 
 @compiled
 def take_in(  # type: ignore[no-untyped-def]
-        S, slope, noise, variance, innovation, x, z, slow, gain):
+        S, slope, noise, variance, innovation, x, z, slow):
     """Move what is estimated, and the root of its covariance, by one measurement.
 
-    slope (N or more,) are the derivatives of what was measured by the columns of S; gain (N,) gets
-    by how much of the innovation each estimate moves.
+    slope (N or more,) are the derivatives of what was measured by the columns of S.
     """
     n, w, N = len(x), len(z), len(S)
     shrink = 1.0 / (variance + math.sqrt(noise * variance))
@@ -157,14 +156,14 @@ def take_in(  # type: ignore[no-untyped-def]
         covariance = 0.0
         for j in range(N):
             covariance += S[i, j] * slope[j]
-        gain[i] = covariance / variance
+        share = covariance / variance
         if i < n:
-            x[i] += gain[i] * innovation
+            x[i] += share * innovation
         elif i < n + w:
-            z[i - n] += gain[i] * innovation
+            z[i - n] += share * innovation
         elif slow is not None:
             c = i - n - w
-            slow.now[c] = min(max(slow.now[c] + gain[i] * innovation, slow.low[c]), slow.high[c])
+            slow.now[c] = min(max(slow.now[c] + share * innovation, slow.low[c]), slow.high[c])
         for j in range(N):
             S[i, j] -= shrink * covariance * slope[j]
 
@@ -197,7 +196,7 @@ def read_sensors(  # type: ignore[no-untyped-def]
 
 @compiled
 def take_in_sensors(  # type: ignore[no-untyped-def]
-        S, slopes, variances, gate, misfit, x, z, slow, gain, measured, result):
+        S, slopes, variances, gate, misfit, x, z, slow, measured, result):
     """Take in what the sensors read at a sample, one after another, as far as it is believed."""
     for o in range(1, len(measured)):
         innovation = measured[o] - result[2 * o]
@@ -207,7 +206,7 @@ def take_in_sensors(  # type: ignore[no-untyped-def]
             ratio = innovation * innovation / variance
             misfit[o] += (min(ratio, gate) - misfit[o]) / MEMORY
             if ratio <= gate and misfit[o] <= LASTING * gate:
-                take_in(S, slopes[o], noise, variance, innovation, x, z, slow, gain)
+                take_in(S, slopes[o], noise, variance, innovation, x, z, slow)
                 move_sensors(len(S), slopes, o, noise, variance, innovation, result)
 
 
@@ -267,15 +266,18 @@ def run(  # type: ignore[no-untyped-def]
         results[k, 0], results[k, 1] = y, variance
         innovation = measured[k, 0] - y
         if known and innovation == innovation:
-            take_in(S, slope, noise, variance, innovation, x, z, slow, free)
             if len(gains) > 0:
                 for i in range(n + w):
-                    gains[k, i] = free[i]
+                    covariance = 0.0
+                    for j in range(N):
+                        covariance += S[i, j] * slope[j]
+                    gains[k, i] = covariance / variance
+            take_in(S, slope, noise, variance, innovation, x, z, slow)
             if measured.shape[1] > 1:
                 move_sensors(N, slopes, 0, noise, variance, innovation, results[k])
         if known and measured.shape[1] > 1:
-            take_in_sensors(S, slopes, variances, filter_.gate, misfit, x, z, slow, free,
-                            measured[k], results[k])
+            take_in_sensors(S, slopes, variances, filter_.gate, misfit, x, z, slow, measured[k],
+                            results[k])
         if len(estimates) > 0:
             show(filter_.shown, S, x, z, q, work[1, :m], work[5, :P], free, estimates[k])
         if slow is not None:
