@@ -39,6 +39,7 @@ class Live:
     Attributes:
         feeds: the topics to listen to.
         aligner: makes samples of what they bring.
+        begun: whether `begin` was called.
     """
 
     def __init__(self, plant: Plant, signals: Mapping[str, SignalMap], sample_time: float,
@@ -59,12 +60,25 @@ class Live:
         topics: dict[str, list[str]] = {}
         for name in tracks:
             topics.setdefault(signals[name].topic, []).append(name)
+        self.begun = False
         self.feeds = tuple(
             Feed(topic, signals[names[0]].type,
                  Reader([signals[name] for name in names],
                         [signals[name] for name in names if name in sensors]),
                  tuple(tracks[name] for name in names))
             for topic, names in topics.items())
+
+    def begin(self, publishers: Mapping[str, int]) -> None:
+        """Wait for no sensor that nobody publishes; before the first message is taken in.
+
+        Args:
+            publishers: topic -> how many nodes publish on it.
+        """
+        self.begun = True
+        for feed in self.feeds:
+            if feed.optional:
+                for track in feed.tracks:
+                    track.awaited = publishers.get(feed.topic, 0) > 0
 
     def take(self, feed: Feed, payload: bytes, now: Callable[[], int]) -> None:
         """Take in one message; its time is its stamp or, if it has none, that of its arrival.
@@ -86,6 +100,8 @@ class Live:
         for track, value in zip(feed.tracks, values, strict=True):
             if value is not None:   # else this message is about other joints
                 push(track, stamp, value)
+            elif track.index == SENSOR and not track.samples:
+                track.awaited = False   # these messages have no such field
 
     def tick(self, now: int) -> None:
         """Note for how long nothing has come, so that `aligner` fills in what is late.

@@ -21,9 +21,10 @@ class Sensor(Track):
     earlier: Sample | None = None
 
     def clear(self) -> None:
-        """Forget all samples."""
+        """Forget all samples; one that is silent is not waited for after that either."""
+        awaited = self.awaited
         super().clear()
-        self.earlier = None
+        self.earlier, self.awaited = None, awaited
 
     @property
     def slow(self) -> bool:

@@ -78,6 +78,8 @@ class Inputs:
         """Take in a message: into the ring, and to the models that are judged."""
         received = self._now()
         aligner, keeper = live.aligner, self._keeper
+        if not live.begun:
+            live.begin(self._topics.publishers())
         live.take(feed, payload, lambda: received)
         if aligner.jumps != self._jumps:
             self._jumps = aligner.jumps

@@ -108,6 +108,18 @@ def test_a_sensor_that_never_comes_delays_the_start_once() -> None:
     assert (rig.aligner.series, rig.sensor.filled) == (1, 1)
 
 
+def test_a_sensor_that_is_given_up_stays_so_over_a_restart_until_it_comes() -> None:
+    rig = Rig(wait=0.02)
+    rig.sensor.awaited = False
+    rig.run(merged(regular('u', range(50)), regular('y', range(50))))
+    rig.aligner.restart()
+    rig.run(merged(regular('u', range(50, 80)), regular('y', range(50, 80))))
+    assert len(rig.rows) == 80
+    rig.run(merged(*(regular(name, range(80, 200)) for name in 'uys')))
+    assert [value for _, value in rig.rows[82:]] == [float(k) for k in range(82, 200)]
+    assert rig.sensor.filled == 0
+
+
 def test_a_sensor_that_fails_delays_once_and_is_used_again_when_it_comes_back() -> None:
     rig = Rig(wait=0.02)
     events = merged(regular('u', range(600)), regular('y', range(600)),
