@@ -60,7 +60,7 @@ class Likelihood:
 
     def noise(self, unknowns: FloatArray) -> Noise:
         """Return the noise of some unknowns, (1 + D,) without or (1 + D + K,) with sensors."""
-        measurement, *others = np.exp(unknowns).tolist()
+        measurement, *others = map(math.exp, unknowns)
         sensors = self.predictor.plant.sensors
         return Noise(measurement, {name: measurement * ratio / self.reach[name]
                                    for name, ratio in zip(self.reach, others, strict=False)},
@@ -80,7 +80,8 @@ class Likelihood:
         """Return minus the logarithm of the likelihood, over the samples, up to a constant."""
         total = np.zeros(2)
         for innovation, variance in self.innovations(self.noise(unknowns)):
-            total += 0.5 * np.nansum(np.log(variance) + innovation ** 2 / variance), len(variance)
+            terms = (np.log(variance) + innovation ** 2 / variance).ravel()
+            total += 0.5 * np.nansum(terms), len(variance)
             if math.isnan(variance[-1, 0]):
                 return LOST
         return float(total[0] / total[1])
