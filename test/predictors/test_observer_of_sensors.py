@@ -179,7 +179,7 @@ def test_the_bands_hold_the_truth_and_grow_where_a_sensor_fails(effects):
 
 @pytest.mark.parametrize('sensors', [('p_L',), ('omega_m',), ('p_L', 'omega_m')])
 def test_the_likelihood_tells_the_noise_of_each_sensor(sensors):
-    """The torque alone would not tell it from that of the process here."""
+    """And that of the process, from a rig that noise on the command disturbs."""
     series, true = rig()
     recorded = replace(series, columns={name: series[name] for name in (
         'u_m', 'theta_d', 'T_g', *sensors)})
@@ -222,6 +222,25 @@ def test_live_it_is_the_same_to_the_last_digit(follow):
     for k, (u, y, row) in enumerate(zip(model.inputs(series), series['T_g'], rows, strict=True)):
         assert stepper.step(u, y, None, row) == expected[k]
         assert (stepper.estimate == estimates[k, :, :len(model.filter.names)]).all()
+
+
+@pytest.mark.parametrize('effects', [(), (FRICTION,)], ids=['linear', 'friction'])
+@pytest.mark.parametrize('what', ['constant', 'wild', 'right'])
+def test_whatever_sensors_read_the_covariance_stays_positive_definite(effects, what):
+    rng = np.random.default_rng(3)
+    series, _ = rig(effects, 4.0)
+    N = len(series)
+    model = predictor(effects)
+    rows = model.measured(replace(series, columns={**series.columns, **{name: {
+        'constant': np.full(N, 1.0), 'right': series[name],
+        'wild': 10.0 ** rng.uniform(-12.0, 12.0, N)}[what] for name in EVERY}}))
+    stepper = model.stepper('observer')
+    for k, inputs in enumerate(model.inputs(series)):
+        assert math.isfinite(stepper.step(inputs, rows[k, 0], None, rows[k, 1:]))
+        if k % 50 == 49:
+            S = stepper.observation.scratch.S[:4]
+            scale = np.sqrt(np.square(S).sum(axis=1))
+            np.linalg.cholesky(S @ S.T / np.outer(scale, scale))    # raises if it is not definite
 
 
 @pytest.mark.parametrize('what', ['outliers', 'hangs', 'off', 'wild'])
