@@ -69,6 +69,13 @@ class NoiseEntry(Struct, kw_only=True):
     follow: Annotated[dict[str, NotNegative], Meta(
         description='parameters that are followed, and the relative change of each over the root '
                     'of a second')] | UnsetType = UNSET
+    sensor_noise: Annotated[dict[str, Positive], Meta(
+        description='standard deviation of each sensor that the observer uses, in its unit'
+    )] | UnsetType = UNSET
+    innovation: Annotated[Positive, Meta(
+        description='RMS of the standard deviation that the observer expects of its innovation '
+                    'with the sensors of the recording, in the unit of the output'
+    )] | UnsetType = UNSET
 
 
 class Bag(Struct, kw_only=True):

@@ -32,7 +32,8 @@ def model():
                place('dead_zone', 'spool', {'width': 3e-6, 'centre': -1e-7}, PLANT))
     return Model(
         PLANT, values, 0.002, effects, {'u_m': -0.001}, substeps=8,
-        noise=Noise(0.5, {'x_v': 0.0, 'omega_j': 0.1}, dict.fromkeys(PLANT.states, 0.2)),
+        noise=Noise(0.5, {'x_v': 0.0, 'omega_j': 0.1}, dict.fromkeys(PLANT.states, 0.2),
+                    sensors={'p_L': 3e4}, innovation=0.6),
         record=Record(uncertainty,
                       {'after': {'one_step': {'train': 0.5, 'test': 0.6},
                                  'free_run': {'train': 0.7}}},
@@ -70,6 +71,9 @@ def test_a_file_without_the_noise_of_the_observer_is_read(raw, tmp_path):
     (['process_noise', 'x_v'], -1.0, 'at least 0'),
     (['process_noise', 'x'], 1.0, 'the states of load_simulator are x_v, p_L'),
     (['start', 'p_L'], None, 'the states of load_simulator are x_v, p_L'),
+    (['sensor_noise', 'p_L'], 0.0, 'sensor_noise and innovation must be above'),
+    (['innovation'], 0.0, 'innovation must be above'),
+    (['sensor_noise', 'x'], 1.0, 'load_simulator has no sensor x'),
     (['process_noise', 'x_v'], 'much', "process_noise of x_v: 'much' is not a number"),
 ])
 def test_noise_that_cannot_be_is_refused(raw, tmp_path, keys, value, says):

@@ -1,19 +1,22 @@
 """The noise that the observer takes as known: maximum likelihood of its innovations."""
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
 from itertools import product
 import math
 
 import numpy as np
 from scipy.optimize import minimize
 
+from hydro_twin.fitting.parts import SCORED
 from hydro_twin.model import Model, Noise
 from hydro_twin.plants.plant import FloatArray
 from hydro_twin.predictors import kernel
 from hydro_twin.predictors.analytical import Analytical
 from hydro_twin.predictors.observer import Observer, process_root
 from hydro_twin.predictors.scores import rms
+from hydro_twin.predictors.system import IntArray
 from hydro_twin.recording.series import Series
 
 ENOUGH = 3000           # samples: they determine a standard deviation to 1.3 %
@@ -23,15 +26,76 @@ LEAST, MOST = 0.01, 1e4
 # Where the search looks for its start: measurement noises, in shares of that of second
 # differences, and ratios of process noise. Downhill from too little it leaps to far too much.
 SHARES, RATIOS = (0.1, 1.0), (0.1, 1.0, 10.0, 100.0)
+STARTS = 3              # best points that a search with sensors starts from: the best may mislead
 SPAN = 10.0             # of the measurement noise, either way, in logarithms
 NAT = 1e-2              # of the likelihood, by which a step of the search must still gain
 PARTS = 1e-4            # step of its differences, in logarithms
-QUIETEST = 1e-9         # of a typical large output: least noise that a search starts from
+QUIETEST = 1e-9         # of a typical large output, or of the movement of a sensor: least noise
+DEAF = 1e6              # movements of a sensor: with so much noise it moves no estimate
 LOST = 1e6              # nats a sample where the observer diverges: worse than any
 
 
+@dataclass(frozen=True)
+class Likelihood:
+    """The likelihood of all that was measured, each sample given what came before it.
+
+    Its unknowns are logarithms: the noise of the output, for each state of `reach` its process
+    noise, as a ratio, and the noise of each sensor.
+
+    Attributes:
+        predictor: of the model.
+        parts: what was recorded.
+        measured: of each part, the output and the sensors of the plant, (N, 1 + R).
+        columns: of these, the sensors that are measured, (K,).
+        reach: what unit noise on the rate of a state moves the output by, over the start-up.
+        start: standard deviation of each state in the free run.
+    """
+
+    predictor: Analytical
+    parts: Sequence[Series]
+    measured: Sequence[FloatArray]
+    columns: IntArray
+    reach: Mapping[str, float]
+    start: Mapping[str, float]
+
+    def noise(self, unknowns: FloatArray) -> Noise:
+        """Return the noise of some unknowns, (1 + D,) without or (1 + D + K,) with sensors."""
+        measurement, *others = map(math.exp, unknowns)
+        sensors = self.predictor.plant.sensors
+        return Noise(measurement, {name: measurement * ratio / self.reach[name]
+                                   for name, ratio in zip(self.reach, others, strict=False)},
+                     self.start, sensors={sensors[column - 1].name: value for column, value in zip(
+                         self.columns, others[len(self.reach):], strict=False)})
+
+    def innovations(self, noise: Noise) -> Iterator[tuple[FloatArray, FloatArray]]:
+        """Run the observer: innovations and variances of each part, (N - 1, 1 or 1 + R)."""
+        observer = Observer(self.predictor.system, noise)
+        observer.filter = observer.filter._replace(gate=math.inf)       # what is far off counts
+        for part, every in zip(self.parts, self.measured, strict=True):
+            taken = every if noise.sensors else every[:, :1]
+            results, _ = observer.run(self.predictor.inputs(part), taken, start=part.start)
+            yield (taken - results[:, ::2])[1:], results[1:, 1::2]
+
+    def loss(self, unknowns: FloatArray) -> float:
+        """Return minus the logarithm of the likelihood, over the samples, up to a constant."""
+        total = np.zeros(2)
+        for innovation, variance in self.innovations(self.noise(unknowns)):
+            terms = (np.log(variance) + innovation ** 2 / variance).ravel()
+            total += 0.5 * np.nansum(terms), len(variance)
+            if math.isnan(variance[-1, 0]):
+                return LOST
+        return float(total[0] / total[1])
+
+    def spreads(self, alone: FloatArray, sizes: FloatArray) -> FloatArray:
+        """Say how far off the sensors are, RMS, where only the output is taken in, (K,)."""
+        deaf = self.noise(np.r_[alone, np.log(DEAF * sizes)])
+        left = np.concatenate([innovation[:, self.columns]
+                               for innovation, _ in self.innovations(deaf)])
+        return np.maximum(np.sqrt(np.nanmean(left ** 2, axis=0)), QUIETEST * sizes)
+
+
 def estimate_noise(model: Model, series: Sequence[Series]) -> Noise | None:
-    """Estimate the noise of an analytical model.
+    """Estimate the noise of an analytical model: of the output, the sensors and the process.
 
     Process noise is white, on the rate of each state that a port drives.
 
@@ -53,40 +117,42 @@ def estimate_noise(model: Model, series: Sequence[Series]) -> Noise | None:
     guess = max(rms(second) / math.sqrt(6.0), QUIETEST * plant.output_scale)
     start = dict(zip(plant.states, map(float, runs.std(axis=0)), strict=True))
     horizon = plant.start_samples(model.sample_time) * model.sample_time
-    reach = {}                          # what unit noise on a state moves the output by
+    reach = {}
     for name, row in zip(plant.states, system.laws.E, strict=True):
         if row.any():
             unit = np.array([float(other == name) for other in plant.states])
             reach[name] = float(np.linalg.norm(
                 system.laws.C @ process_root(system.laws, horizon, unit)))
+    measured = [np.column_stack([part.columns.get(signal.name, np.full(len(part), np.nan))
+                                 for signal in (plant.output, *plant.sensors)]) for part in parts]
+    movement = [float(np.std(column[np.isfinite(column)])) if np.isfinite(column).sum() >= SCORED
+                else 0.0 for column in np.concatenate(measured).T]
+    columns = 1 + np.flatnonzero(movement[1:])
+    likelihood = Likelihood(predictor, parts, measured, columns, reach, start)
 
-    def noise(logarithms: FloatArray) -> Noise:
-        measurement = math.exp(logarithms[0])
-        return Noise(measurement, {name: measurement * math.exp(ratio) / reach[name]
-                                   for name, ratio in zip(reach, logarithms[1:], strict=True)},
-                     start)
-
-    def loss(logarithms: FloatArray) -> float:
-        observer = Observer(system, noise(logarithms))
-        total = np.zeros(2)
-        for part in parts:
-            measured = part[plant.output.name]
-            results, _ = observer.run(predictor.inputs(part), measured, start=part.start)
-            innovation, variance = (measured - results[:, 0])[1:], results[1:, 1]
-            total += 0.5 * np.nansum(np.log(variance) + innovation ** 2 / variance), len(variance)
-            if math.isnan(results[-1, 0]):
-                return LOST
-        return float(total[0] / total[1])
-
-    samples = sum(map(len, parts))
+    bounds = [(math.log(guess) - SPAN, math.log(guess) + SPAN),
+              *[(math.log(LEAST), math.log(MOST))] * len(reach)]
     points = [np.log([guess * share, *[ratio] * len(reach)])
               for share, ratio in product(SHARES, RATIOS)]
-    found = minimize(
-        loss, min(points, key=loss), method='L-BFGS-B',
-        bounds=[(math.log(guess) - SPAN, math.log(guess) + SPAN),
-                *[(math.log(LEAST), math.log(MOST))] * len(reach)],
-        options={'ftol': NAT / samples, 'eps': PARTS})
-    return noise(found.x) if found.fun < LOST else None
+    if len(columns):
+        sizes = np.array(movement)[columns]
+        bounds += zip(np.log(QUIETEST * sizes), np.log(DEAF * sizes), strict=True)
+        # Several sensors tell the process noise of the states apart: it may be on any one.
+        points += [np.log([guess * share, *np.where(np.arange(len(reach)) == k, ratio, LEAST)])
+                   for share, ratio, k in product(SHARES, RATIOS, range(len(reach)))]
+        points = [np.r_[point, point[0] - math.log(guess)
+                        + np.log(likelihood.spreads(point, sizes))] for point in points]
+    starts = sorted(points, key=likelihood.loss)[:STARTS if len(columns) else 1]
+    found = min((minimize(
+        likelihood.loss, begin, method='L-BFGS-B', bounds=bounds,
+        options={'ftol': NAT / sum(map(len, parts)), 'eps': PARTS}) for begin in starts),
+        key=lambda one: float(one.fun))
+    if not found.fun < LOST:
+        return None
+    noise = likelihood.noise(found.x)
+    expected = np.concatenate([variance[min(model.start_up, len(variance) // 2):, 0]
+                               for _, variance in likelihood.innovations(noise)])
+    return replace(noise, innovation=math.sqrt(expected.mean()) if noise.sensors else None)
 
 
 def excerpts(series: Sequence[Series]) -> list[Series]:

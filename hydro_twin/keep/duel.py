@@ -83,10 +83,11 @@ class Duel:
         if self.regimes is not None:
             self.regimes.restart()
 
-    def step(self, stamp: int, inputs: FloatArray, measured: float) -> None:
+    def step(self, stamp: int, inputs: FloatArray, measured: float,
+             sensors: FloatArray | None = None) -> None:
         """Step both by one sample; see `Twin.step`."""
-        ours = self.champion.step(stamp, inputs, measured)
-        theirs = self.challenger.step(stamp, inputs, measured)
+        ours = self.champion.step(stamp, inputs, measured, sensors)
+        theirs = self.challenger.step(stamp, inputs, measured, sensors)
         diverged = (self.champion.divergences > self._diverged[0]
                     or self.challenger.divergences > self._diverged[1])
         if diverged:

@@ -1,7 +1,8 @@
 """Samples of the signals in, samples of the grid out: `recording.grid`, one at a time.
 
 A grid time is due as soon as every signal has reached it. A signal that stays behind the others
-for longer than a bounded wait is filled in by its last value, and that is counted.
+for longer than a bounded wait is filled in by its last value, and that is counted. Sensors beside
+the output are read where they are there; one that falls silent is not waited for again.
 """
 from __future__ import annotations
 
@@ -10,6 +11,7 @@ import math
 
 import numpy as np
 
+from hydro_twin.live.sensor import Sensor
 from hydro_twin.live.track import JUMP, Track
 from hydro_twin.recording.grid import MAX_GAP, ROUNDING
 
@@ -25,14 +27,18 @@ class Aligner:
         stamp: of the sample [ns].
         inputs: shape (m,), overwritten by the next sample.
         measured: the output, nan where it is not known.
+        sensors: what is measured beside it, nan likewise, (R,), overwritten likewise.
         series: how many have begun.
         jumps: how often a clock jumped back, so that everything had to be forgotten.
         reason: what was said of the last of them.
     """
 
-    def __init__(self, tracks: Sequence[Track], sample_time: float, wait: float) -> None:
-        """Align signals on a grid; times in s."""
+    def __init__(self, tracks: Sequence[Track], sample_time: float, wait: float,
+                 sensors: Sequence[Sensor | None] = ()) -> None:
+        """Align signals on a grid; times in s; `sensors` as the plant has them, None of no use."""
         self.tracks = tracks
+        self.sensors = np.full(len(sensors), np.nan)
+        self._sensors = [(k, sensor) for k, sensor in enumerate(sensors) if sensor is not None]
         self.inputs = np.zeros(sum(track.needed for track in tracks))
         self.measured = math.nan
         self.stamp = -1
@@ -53,8 +59,14 @@ class Aligner:
 
     def push(self, track: Track, stamp: int, value: float) -> None:
         """Take in a sample of a signal; stamp in ns."""
+        if isinstance(track, Sensor):
+            if track.newest - stamp > JUMP:
+                track.clear()           # the others tell whether it is time that has jumped
+            if track.take(stamp, value):
+                track.late += track.counts_until(stamp) <= self.stamp
+            return
         if track.newest - stamp > JUMP:
-            self.restart()
+            self.restart(stamp)
             self.jumps += 1
             self.reason = f'stamps of {track.name} jumped back'
         leap = max(JUMP, MAX_GAP * track.period)
@@ -83,10 +95,17 @@ class Aligner:
         resting = all(track.resting for track in self.tracks if track.needed)
         self._silence = silence if resting else 0
 
-    def restart(self) -> None:
-        """Forget everything; the next sample begins a new series."""
+    def restart(self, stamp: int = 0) -> None:
+        """Forget everything; the next sample begins a new series.
+
+        Args:
+            stamp: to which time has jumped back [ns]: what sensors have sent since is kept.
+        """
         for track in self.tracks:
             track.clear()
+        for _, sensor in self._sensors:
+            if not stamp or sensor.newest - stamp > JUMP:
+                sensor.clear()
         self._horizon, self._silence, self.stamp, self._leap = -1, 0, -1, None
         self._end(0)
 
@@ -173,11 +192,23 @@ class Aligner:
                 ready = False
             elif track.needed and track.breaks(due if track.held else max(due, now)):
                 return None
-        return ready
+        return ready and self._reach_sensors(due)
+
+    def _reach_sensors(self, due: int) -> bool:
+        """Step the sensors up to a grid time; False to wait for one of them."""
+        for _, sensor in self._sensors:
+            if not sensor.reach(due):
+                if due > self._now(due) - self._wait:
+                    return False
+                sensor.awaited = False
+                sensor.filled += 1
+        return True
 
     def _fill(self, due: int) -> None:
         """Take the values of all signals at a grid time."""
         self.measured = math.nan
+        for k, sensor in self._sensors:
+            self.sensors[k] = sensor.read(due)
         for track in self.tracks:
             # Not before all are there: where a gap of another prevents this sample, the next
             # series would begin later.

@@ -7,6 +7,7 @@ from enum import IntEnum
 import math
 
 from hydro_twin.live.live import Feed, Live
+from hydro_twin.live.track import SENSOR
 from hydro_twin.live.twin import MAIN, Twin
 
 TIME = 'time'   # the part that says whether time runs on
@@ -83,12 +84,16 @@ class Diagnosis:
                               ('duplicates', 'twice the same stamp'), ('late', 'too late')):
             faults += [f'{track.name}: {count} {what}' for track in feed.tracks
                        if (count := self._new(track, counter))]
-        names = [track.name for track in feed.tracks if feed.messages and not track.samples]
+        names = [track.name for track in feed.tracks
+                 if feed.messages and not track.samples and track.index != SENSOR]
         faults += [f'no message holds {name}' for name in names]
         if publishers > 1:
             faults.append(f'{publishers} publishers on one topic')
         needed = any(track.needed for track in feed.tracks)
-        if not arrived:
+        if feed.optional and not feed.messages and not publishers:
+            level = Level.OK
+            faults = ['no such sensor']
+        elif not arrived:
             level = Level.STALE if needed else Level.WARN
             faults.insert(0, 'nothing has come yet' if not feed.messages else
                           f'nothing for {(now - feed.arrived) * 1e-9:.1f} s')
@@ -153,6 +158,14 @@ class Diagnosis:
                         f'{port} {less:.0f}' for port, less in where.others)
                 message = (f'refit: {what}; record the inputs as from stamp '
                            f'{rise.begin * 1e-9:.3f} to {rise.end * 1e-9:.3f}')
+        sensors = twin.sensors
+        if sensors:
+            values['sensors'] = ', '.join(sensors)
+        if doubted := [name for name, believed in sensors.items() if not believed]:
+            values['sensors left out'] = ', '.join(doubted)
+            if level is Level.OK:
+                level = Level.WARN
+                message = f'{", ".join(doubted)} contradicts the other measurements: left out'
         if diverged:
             level, message = Level.ERROR, f'diverged {diverged} times and was reset'
         elif not made:

@@ -6,7 +6,8 @@ from dataclasses import dataclass
 
 from hydro_twin.live.aligner import Aligner
 from hydro_twin.live.reader import Reader
-from hydro_twin.live.track import OUTPUT, Track
+from hydro_twin.live.sensor import Sensor
+from hydro_twin.live.track import OUTPUT, SENSOR, Track
 from hydro_twin.plants import Plant
 from hydro_twin.recording.cdr import CdrError
 from hydro_twin.recording.signals import SignalMap
@@ -26,6 +27,11 @@ class Feed:
     arrived: int = 0   # when `Live.tick` saw the newest message [ns]
     ticked: int = 0    # messages that it had seen
 
+    @property
+    def optional(self) -> bool:
+        """Whether there are only sensors on it, without which all goes on."""
+        return all(track.index == SENSOR for track in self.tracks)
+
 
 class Live:
     """The inputs of the twins of one plant.
@@ -33,23 +39,46 @@ class Live:
     Attributes:
         feeds: the topics to listen to.
         aligner: makes samples of what they bring.
+        begun: whether `begin` was called.
     """
 
     def __init__(self, plant: Plant, signals: Mapping[str, SignalMap], sample_time: float,
                  wait: float) -> None:
-        """Listen to the signals of a plant; times in s."""
+        """Listen to the signals of a plant, and to those sensors that are among `signals`.
+
+        Times in s.
+        """
         step = sample_time * 1e9
         tracks = {signal.name: Track(signal.name, index, signal.held, step)
                   for index, signal in enumerate(plant.inputs)}
         tracks[plant.output.name] = Track(plant.output.name, OUTPUT, plant.output.held, step)
-        self.aligner = Aligner(tuple(tracks.values()), sample_time, wait)
+        sensors = {sensor.name: Sensor(sensor.name, SENSOR, False, step)
+                   for sensor in plant.sensors if sensor.name in signals}
+        self.aligner = Aligner(tuple(tracks.values()), sample_time, wait,
+                               [sensors.get(sensor.name) for sensor in plant.sensors])
+        tracks |= sensors
         topics: dict[str, list[str]] = {}
         for name in tracks:
             topics.setdefault(signals[name].topic, []).append(name)
+        self.begun = False
         self.feeds = tuple(
-            Feed(topic, signals[names[0]].type, Reader([signals[name] for name in names]),
+            Feed(topic, signals[names[0]].type,
+                 Reader([signals[name] for name in names],
+                        [signals[name] for name in names if name in sensors]),
                  tuple(tracks[name] for name in names))
             for topic, names in topics.items())
+
+    def begin(self, publishers: Mapping[str, int]) -> None:
+        """Wait for no sensor that nobody publishes; before the first message is taken in.
+
+        Args:
+            publishers: topic -> how many nodes publish on it.
+        """
+        self.begun = True
+        for feed in self.feeds:
+            if feed.optional:
+                for track in feed.tracks:
+                    track.awaited = publishers.get(feed.topic, 0) > 0
 
     def take(self, feed: Feed, payload: bytes, now: Callable[[], int]) -> None:
         """Take in one message; its time is its stamp or, if it has none, that of its arrival.
@@ -71,6 +100,8 @@ class Live:
         for track, value in zip(feed.tracks, values, strict=True):
             if value is not None:   # else this message is about other joints
                 push(track, stamp, value)
+            elif track.index == SENSOR and not track.samples:
+                track.awaited = False   # these messages have no such field
 
     def tick(self, now: int) -> None:
         """Note for how long nothing has come, so that `aligner` fills in what is late.
@@ -82,4 +113,5 @@ class Live:
             if feed.messages != feed.ticked:
                 feed.ticked = feed.messages
                 feed.arrived = now
-        self.aligner.note_silence(max(now - max(feed.arrived for feed in self.feeds), 0))
+        newest = max(feed.arrived for feed in self.feeds if not feed.optional)
+        self.aligner.note_silence(max(now - newest, 0))

@@ -44,12 +44,13 @@ class Outlet:
             self._take_over(self._next)
         self.twin.reset()
 
-    def step(self, stamp: int, inputs: FloatArray, measured: float) -> None:
+    def step(self, stamp: int, inputs: FloatArray, measured: float,
+             sensors: FloatArray | None = None) -> None:
         """Step the twin by one sample; see `Twin.step`."""
         if self._next is not None:
-            self._start_up(self._next, stamp, inputs, measured)
+            self._start_up(self._next, stamp, inputs, measured, sensors)
         twin = self.twin
-        prediction = twin.step(stamp, inputs, measured)
+        prediction = twin.step(stamp, inputs, measured, sensors)
         if prediction == prediction:   # not nan
             self._prediction(self._writer.write(stamp, prediction))
             if twin.residual == twin.residual:
@@ -62,13 +63,14 @@ class Outlet:
                     and ahead[0] == ahead[0]:
                 self._ahead(self._ahead_writer.write(stamp + self.horizon * self._period, *ahead))
 
-    def _start_up(self, twin: Twin, stamp: int, inputs: FloatArray, measured: float) -> None:
+    def _start_up(self, twin: Twin, stamp: int, inputs: FloatArray, measured: float,
+                  sensors: FloatArray | None) -> None:
         """Step the twin that is to take over, until its next step is a prediction."""
         if not self._left:
             self._take_over(twin)
             return
         self._left -= 1
-        twin.step(stamp, inputs, measured)
+        twin.step(stamp, inputs, measured, sensors)
 
     def _take_over(self, twin: Twin) -> None:
         self.twin, self._next = twin, None

@@ -1,13 +1,13 @@
 """Signals out of the serialised messages of one topic, as fast as they come."""
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Collection, Sequence
 import struct
 from typing import Any
 
 from hydro_twin.live.messages import typestore
 from hydro_twin.recording.bag import STAMP
-from hydro_twin.recording.cdr import lay_out, Leaf
+from hydro_twin.recording.cdr import CdrError, lay_out, Layout, Leaf
 from hydro_twin.recording.signals import SignalMap
 
 Values = Sequence[float | None]
@@ -22,9 +22,9 @@ class Reader:
     checked after that: six times cheaper than deserialising the message.
     """
 
-    def __init__(self, signals: Sequence[SignalMap]) -> None:
-        """Read signals that are all on one topic, so of one type."""
-        self._signals = signals
+    def __init__(self, signals: Sequence[SignalMap], optional: Collection[SignalMap] = ()) -> None:
+        """Read signals that are all on one topic, so of one type; a message may lack some."""
+        self._signals, self._optional = signals, optional
         self._scaled = any(s.scale != 1.0 or s.offset != 0.0 for s in signals)
         self._size = -1
         self._fixed: list[tuple[slice, bytes]] = []
@@ -36,7 +36,7 @@ class Reader:
 
         Returns:
             Header stamp [ns], None if the type has none; the signals in the units of the plant,
-            None where the joint asked for is not in this message.
+            None where the joint asked for is not in this message, or an optional field.
 
         Raises:
             CdrError: the message is damaged, or too short for a field.
@@ -60,12 +60,21 @@ class Reader:
         """Find out where everything lies in messages like this one."""
         self._size = -1
         layout = lay_out(payload, self._signals[0].type, typestore())
-        self._values = _unpacker([layout.leaf(signal.field) for signal in self._signals])
+        self._values = _unpacker([self._leaf(layout, signal) for signal in self._signals])
         stamp = [layout.leaves.get(path) for path in STAMP]
         self._stamp = _unpacker(stamp) if all(stamp) else None
         self._fixed = [(slice(begin, end), payload[begin:end])
                        for begin, end in _joined(layout.fixed)]
         self._size = len(payload)
+
+    def _leaf(self, layout: Layout, signal: SignalMap) -> Leaf | None:
+        """Find a signal; None where it is not in these messages, and need not be."""
+        try:
+            return layout.leaf(signal.field)
+        except CdrError:
+            if signal in self._optional:
+                return None
+            raise
 
 
 def _unpacker(leaves: Sequence[Leaf | None]) -> Callable[[bytes], Any]:

@@ -13,6 +13,7 @@ BACKLOG = 4096       # samples that a signal may be ahead of the others
 PACE = 64            # pauses from which the pace is taken
 TELLING = 4          # pauses that tell whether a command comes at a rate
 OUTPUT = -1          # index of the output, which no prediction has to wait for for ever
+SENSOR = -2          # of what is measured beside it
 
 Sample = tuple[int, float]
 
@@ -22,7 +23,7 @@ class Track:
     """The newest samples of one signal.
 
     Attributes:
-        index: of the input that it is, or `OUTPUT`.
+        index: of the input that it is, `OUTPUT` or `SENSOR`.
         held: keeps its value until the next sample (a command); else interpolated.
         before: the newest sample that is not after the grid time.
         after: the samples after that.
@@ -50,7 +51,7 @@ class Track:
     filled: int = 0
 
     def __post_init__(self) -> None:
-        self.needed = self.index != OUTPUT
+        self.needed = self.index >= 0
         self._pauses: list[int] = []
         self._next_pace = 1
         self.clear()

@@ -45,6 +45,8 @@ class Twin:
         self.residual = math.nan
         self.promised = predictor.model.record.promised(mode)
         self._unscored = unscored(predictor.plant, predictor.sample_time, mode)
+        noise = predictor.model.noise
+        self._expected = noise.innovation if noise and mode == OBSERVER else None
         self._limit = ABSURD * predictor.plant.output_scale
         self.start_over()
 
@@ -110,6 +112,12 @@ class Twin:
         parameters: FloatArray = self._stepper.parameters   # type: ignore[attr-defined]
         return parameters
 
+    @property
+    def sensors(self) -> Mapping[str, bool]:
+        """The sensors whose noise the model knows, and whether each is believed by now."""
+        observation = getattr(self._stepper, 'observation', None)
+        return {} if observation is None else observation.believed
+
     def ahead(self, samples: int) -> tuple[float, float] | None:
         """Predict the output so many samples after the last, and its standard deviation.
 
@@ -124,23 +132,35 @@ class Twin:
         for _ in range(plant.order + 2):
             stepper.step(np.zeros(len(plant.inputs)), 0.0)
 
+    def _judged(self) -> float:
+        """Return the last residual as it would be with the sensors that the promise was made with.
+
+        While one is missing the observer knows less, and so expects a larger residual.
+        """
+        if self._expected is None:
+            return self.residual
+        deviation: float = self._stepper.deviation      # type: ignore[attr-defined]
+        return self.residual * self._expected / deviation
+
     @property
     def scored(self) -> bool:
         """Whether the last sample is past the start-up, which no error counts."""
         return self._count > self._unscored
 
-    def step(self, stamp: int, inputs: FloatArray, measured: float) -> float:
+    def step(self, stamp: int, inputs: FloatArray, measured: float,
+             sensors: FloatArray | None = None) -> float:
         """Predict the output of the next sample.
 
         Args:
             stamp: of the sample [ns].
             inputs: shape (m,).
             measured: the output, nan where it is not known.
+            sensors: what is measured beside it, see `Stepper`.
 
         Returns:
             The prediction, nan while the run starts up or where it has diverged.
         """
-        prediction = self._step(inputs, measured, stamp)
+        prediction = self._step(inputs, measured, stamp, sensors)
         self._count += 1
         if self._locator is not None:
             self._locator.add(stamp, inputs, measured)
@@ -155,5 +175,5 @@ class Twin:
         self.residual = measured - prediction
         if (self.monitor is not None and self.residual == self.residual     # not nan
                 and self.scored):                                           # as the promise
-            self.monitor.add(stamp, self.residual)
+            self.monitor.add(stamp, self._judged())
         return prediction

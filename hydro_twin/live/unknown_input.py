@@ -96,8 +96,8 @@ def observe(observer: Observer, start: FloatArray, inputs: FloatArray, measured:
     results = np.empty((len(inputs), 2))
     estimates = np.empty((0 if shown is None else len(inputs), 2, len(observer.filter.shown)))
     gains = np.zeros((len(inputs), n + system.memory))
-    observation.advance(len(observer.stages) - 1, inputs, measured, 0, len(inputs), results,
-                        estimates, gains)
+    observation.advance(len(observer.stages) - 1, inputs, measured[:, None], 0, len(inputs),
+                        results, estimates, gains)
     passing = estimates[:, 0]
     if shown is not None:
         # What is known after a sample depends on its noise, and so would explain it: go on from

@@ -57,15 +57,23 @@ def document(model: Model) -> dict[str, Any]:
                 for p, value in zip(placed.effect.parameters, placed.values, strict=True)
                 if value != p.refinement},
         } for k, placed in enumerate(model.effects)],
-        **({'observer': {'measurement_noise': model.noise.measurement,
-                         'process_noise': dict(model.noise.process),
-                         'start': dict(model.noise.start),
-                         **({'follow': dict(model.noise.follow)} if model.noise.follow else {}),
-                         }} if model.noise else {}),
+        **({'observer': _noise_entry(model.noise)} if model.noise else {}),
         'network': model.network,
         **({'notes': list(record.notes)} if record.notes else {}),
         'errors': dict(record.errors),
         'provenance': dict(record.provenance),
+    }
+
+
+def _noise_entry(noise: Noise) -> dict[str, Any]:
+    """Lay out what the observer takes as known of noise."""
+    return {
+        'measurement_noise': noise.measurement,
+        'process_noise': dict(noise.process),
+        'start': dict(noise.start),
+        **({'follow': dict(noise.follow)} if noise.follow else {}),
+        **({'sensor_noise': dict(noise.sensors)} if noise.sensors else {}),
+        **({'innovation': noise.innovation} if noise.innovation is not None else {}),
     }
 
 
@@ -196,21 +204,29 @@ def _noise(raw: Mapping[str, Any], plant: Plant) -> Noise:
     """Check the section of the observer.
 
     Raises:
-        ModelError: a state that the plant does not have, or one missing, or no noise there is.
+        ModelError: a state or sensor that the plant does not have, or a state missing, or no noise
+            there is.
     """
     process, start = ({name: _number(f'observer: {key} of {name}', value)
                        for name, value in raw[key].items()} for key in ('process_noise', 'start'))
     follow = {name: _number(f'observer: follow {name}', rate)
               for name, rate in (raw.get('follow') or {}).items()}
+    sensors = {name: _number(f'observer: sensor_noise of {name}', value)
+               for name, value in (raw.get('sensor_noise') or {}).items()}
+    innovation = (_number('observer: innovation', raw['innovation']) if 'innovation' in raw
+                  else None)
     noise = Noise(_number('observer: measurement_noise', raw['measurement_noise']), process, start,
-                  follow)
+                  follow, sensors, innovation)
+    if unknown := sorted(sensors.keys() - {sensor.name for sensor in plant.sensors}):
+        raise ModelError(f'observer: {plant.name} has no sensor {", ".join(unknown)}')
     if not set(process) <= set(start) == set(plant.states):
         raise ModelError(f'observer: the states of {plant.name} are {", ".join(plant.states)}')
     others = (*process.values(), *start.values(), *follow.values())
-    if not (0.0 < noise.measurement < math.inf
+    if not (all(0.0 < value < math.inf for value in (
+            noise.measurement, *sensors.values(), 1.0 if innovation is None else innovation))
             and all(0.0 <= value < math.inf for value in others)):
-        raise ModelError('observer: measurement_noise must be above 0, process_noise, start and '
-                         'follow at least 0, and all finite')
+        raise ModelError('observer: measurement_noise, sensor_noise and innovation must be above '
+                         '0, process_noise, start and follow at least 0, and all finite')
     return noise
 
 

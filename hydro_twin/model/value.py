@@ -55,12 +55,17 @@ class Noise:
         start: standard deviation of each state at the start of a run, by name, in its SI unit.
         follow: the parameters that the observer follows, with the relative change of each over
             the root of a second; those of effects as 'ID@PORT:NAME'. Stated, not estimated.
+        sensors: standard deviation of the noise of each sensor that is used, by name, in its unit.
+        innovation: RMS of the standard deviation that the observer expects of its innovation with
+            the sensors of the recording that it was fitted to; None where there were none.
     """
 
     measurement: float
     process: Mapping[str, float]
     start: Mapping[str, float]
     follow: Mapping[str, float] = field(default_factory=dict)
+    sensors: Mapping[str, float] = field(default_factory=dict)
+    innovation: float | None = None
 
 
 @dataclass(frozen=True)

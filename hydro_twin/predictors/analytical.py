@@ -50,6 +50,18 @@ class Analytical:
         """Stack the inputs of a series, shape (N, m)."""
         return np.column_stack([series[signal.name] for signal in self.plant.inputs])
 
+    def measured(self, series: Series) -> FloatArray:
+        """Stack what the observer takes in, nan where there is none.
+
+        Returns:
+            The output, (N, 1); where the model knows the noise of a sensor, the output and the
+            sensors of the plant, (N, 1 + R).
+        """
+        sensors = self.plant.sensors if self.model.noise and self.model.noise.sensors else ()
+        missing = np.full(len(series), np.nan)
+        return np.column_stack([series.columns.get(signal.name, missing)
+                                for signal in (self.plant.output, *sensors)])
+
     def one_step(self, series: Series) -> FloatArray:
         """Predict each sample from measured outputs up to the one before; see `Predictor`."""
         inputs = self.inputs(series)
@@ -88,7 +100,7 @@ class Analytical:
         Raises:
             ModelError: the model has no noise.
         """
-        return self.filter.run(self.inputs(series), series[self.plant.output.name],
+        return self.filter.run(self.inputs(series), self.measured(series),
                                start=series.start)[0][:, 0]
 
     def observed(self, series: Series) -> tuple[FloatArray, FloatArray]:
@@ -98,7 +110,7 @@ class Analytical:
             ModelError: the model has no noise.
         """
         results, estimates = self.filter.run(
-            self.inputs(series), series[self.plant.output.name], True, series.start)
+            self.inputs(series), self.measured(series), True, series.start)
         return results[:, 0], estimates
 
     @cached_property
@@ -163,7 +175,8 @@ class FreeRun:
         self.z = np.zeros(system.memory)
         self.work = system.work()
 
-    def step(self, inputs: FloatArray, measured: float, stamp: int | None = None) -> float:
+    def step(self, inputs: FloatArray, measured: float, stamp: int | None = None,
+             sensors: FloatArray | None = None) -> float:   # noqa: ARG002
         """Predict the output of the next sample; see `Stepper`."""
         system = self.system.at(stamp) if self.system.earlier else self.system
         self.k += 1
@@ -192,11 +205,15 @@ class Observed(FreeRun):
 
         super().__init__(observer.system)
         self.observer, self.observation = observer, Observation(observer, self.x, self.z)
-        self.measured = np.empty(len(self.inputs))
-        self.results = np.empty((len(self.inputs), 2))
+        known = np.isfinite(observer.filter.variances)
+        self.uses_sensors = bool(known[1:].any())
+        outputs = len(known) if self.uses_sensors else 1
+        self.measured = np.full((len(self.inputs), outputs), math.nan)
+        self.results = np.empty((len(self.inputs), 2 * outputs))
         self.estimates = np.empty((len(self.inputs), 2, len(observer.filter.shown)))
 
-    def step(self, inputs: FloatArray, measured: float, stamp: int | None = None) -> float:
+    def step(self, inputs: FloatArray, measured: float, stamp: int | None = None,
+             sensors: FloatArray | None = None) -> float:
         """Predict the output of the next sample; see `Stepper`."""
         self.k += 1
         if self.k == len(self.inputs):
@@ -204,7 +221,9 @@ class Observed(FreeRun):
         self.inputs[self.k] = inputs
         if self.k == 0:
             self.x[:] = self.system.at(stamp).start(inputs, _first(measured))
-        self.measured[self.k] = measured
+        self.measured[self.k, 0] = measured
+        if self.uses_sensors:
+            self.measured[self.k, 1:] = math.nan if sensors is None else sensors
         self.observation.advance(self.system.stage_at(stamp), self.inputs, self.measured, self.k,
                                  self.k + 1, self.results, self.estimates)
         return float(self.results[self.k, 0])
@@ -214,6 +233,11 @@ class Observed(FreeRun):
         super().forget()
         for kept in (self.measured, self.results, self.estimates):
             kept[:self.keep] = kept[self.keep:]
+
+    @property
+    def deviation(self) -> float:
+        """Standard deviation of the innovation at the last sample."""
+        return math.sqrt(self.results[self.k, 1])
 
     @property
     def estimate(self) -> FloatArray:
@@ -241,7 +265,7 @@ class Observed(FreeRun):
         inputs[known:] = self.inputs[self.k]
         results = np.empty((len(inputs), 2))
         self.observation.copy().advance(
-            len(self.observer.stages) - 1, inputs, np.full(len(inputs), math.nan), known,
+            len(self.observer.stages) - 1, inputs, np.full((len(inputs), 1), math.nan), known,
             len(inputs), results, np.empty((0, *self.estimates.shape[1:])))
         return float(results[-1, 0]), math.sqrt(results[-1, 1])
 
@@ -262,7 +286,8 @@ class OneStep:
         self.count = 0
         self.k = -1
 
-    def step(self, inputs: FloatArray, measured: float, stamp: int | None = None) -> float:
+    def step(self, inputs: FloatArray, measured: float, stamp: int | None = None,
+             sensors: FloatArray | None = None) -> float:   # noqa: ARG002
         """Predict the output of the next sample; see `Stepper`."""
         self.k += 1
         if self.k == len(self.inputs):

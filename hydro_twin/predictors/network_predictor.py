@@ -95,7 +95,8 @@ class NetworkStepper:
         self.past_outputs = self.regressors[:self.order]
         self.past_inputs = self.regressors[self.order:].reshape(-1, self.order + 1)
 
-    def step(self, inputs: FloatArray, measured: float, stamp: int | None = None) -> float:
+    def step(self, inputs: FloatArray, measured: float, stamp: int | None = None,
+             sensors: FloatArray | None = None) -> float:   # noqa: ARG002
         """Predict the output of the next sample; see `Stepper`."""
         if self.free:
             if self.count == 0:

@@ -1,33 +1,18 @@
-"""The observer: a Kalman filter about a model with its effects, in square-root form.
-
-The states of the plant, what the effects keep and the parameters that are followed are filtered
-together. A prediction moves them by the compiled step, and the root S of their covariance,
-P = S S', by the derivatives of the same step, in which each law is made linear over what is not
-known of its input; process noise is added and S made triangular again by reflections [Kaminski et
-al. 1971]. A measurement updates both by Potter's formula [Bierman 1977, II.3]. So P is symmetric
-and positive semidefinite whatever the rounding, and with process noise definite in the states.
-"""
+"""The observer: a Kalman filter about a model with its effects; `kalman` has its compiled step."""
 from __future__ import annotations
 
 import math
-from typing import NamedTuple, TYPE_CHECKING
+from typing import TYPE_CHECKING
 
 import numpy as np
 from scipy.linalg import expm
 
-from hydro_twin.compiled import compiled
 from hydro_twin.plants.plant import FloatArray, Laws
-from hydro_twin.predictors.follow import follow_by, Followed
-from hydro_twin.predictors.kernel import LIMIT
+from hydro_twin.predictors.follow import Followed
+from hydro_twin.predictors.kalman import Filter, GATE, LASTING, run, Scratch
 from hydro_twin.predictors.quantities import quantities_of
 from hydro_twin.predictors.rows import in_rows, WIDTH
-from hydro_twin.predictors.step_derivatives import (
-    advance,
-    divided,
-    output,
-    partials,
-    room_for,
-)
+from hydro_twin.predictors.step_derivatives import partials, room_for
 from hydro_twin.predictors.system import System
 from hydro_twin.predictors.tangents import NONE, tangent_of
 
@@ -40,178 +25,6 @@ USELESS = 1e3
 UNWANTED = np.empty((0, 0))     # gains that nobody asks for
 
 
-class Filter(NamedTuple):
-    """What the observer needs beside the step, for n states, N with memory and parameters.
-
-    Attributes:
-        start: root of the covariance at the start, (N, C) with room for `used` columns.
-        process: root of the covariance that a sample adds to the states, (n, n).
-        walks: standard deviation by which a sample moves each parameter that is followed, (Q,).
-        used: columns at work: N, those of the process noise, and one for each law.
-        variance: of the measurement noise.
-        most: standard deviation of the predicted output beyond which the covariance begins anew.
-        shown: what is estimated beside the prediction, as sums of states, memory and parameters,
-            then inputs and what effects add to the ports, (R, N + m + P).
-    """
-
-    start: FloatArray
-    process: FloatArray
-    walks: FloatArray
-    used: int
-    variance: float
-    most: float
-    shown: FloatArray
-
-
-class Scratch(NamedTuple):
-    """What `run` works in.
-
-    Attributes:
-        S: root of the covariance of states, memory and parameters, (N, C).
-        blocks: the same as rows of derivatives.
-        room: for the other rows of a step.
-        work: of the kernel.
-        g: partial derivatives of a law.
-        v: a row of S.
-    """
-
-    S: FloatArray
-    blocks: FloatArray
-    room: FloatArray
-    work: FloatArray
-    g: FloatArray
-    v: FloatArray
-
-
-@compiled
-def triangularise(S, columns, v):  # type: ignore[no-untyped-def]
-    """Make S lower triangular by reflections of its columns, which leave S S' as it is."""
-    N = len(S)
-    for i in range(N):
-        square = 0.0
-        for c in range(i, columns):
-            v[c] = S[i, c]
-            square += v[c] * v[c]
-        if square == 0.0:
-            continue
-        norm = -math.copysign(math.sqrt(square), v[i])
-        v[i] -= norm
-        scale = 1.0 / (square - norm * S[i, i])
-        S[i, i] = norm
-        for c in range(i + 1, columns):
-            S[i, c] = 0.0
-        for j in range(i + 1, N):
-            along = 0.0
-            for c in range(i, columns):
-                along += S[j, c] * v[c]
-            along *= scale
-            for c in range(i, columns):
-                S[j, c] -= along * v[c]
-
-
-@compiled
-def show(shown, S, x, z, q, u, d, v, estimate):  # type: ignore[no-untyped-def]
-    """Write sums of what is known, and their standard deviations, into estimate (2, R)."""
-    n, w, N, m = len(x), len(z), len(S), len(u)
-    for r in range(len(shown)):
-        value = square = 0.0
-        for c in range(N):
-            v[c] = 0.0
-        for i in range(N):
-            weight = shown[r, i]
-            if weight != 0.0:
-                value += weight * (x[i] if i < n else z[i - n] if i < n + w else q[i - n - w])
-                for c in range(N):
-                    v[c] += weight * S[i, c]
-        for i in range(m):
-            value += shown[r, N + i] * u[i]
-        for i in range(len(d)):
-            value += shown[r, N + m + i] * d[i]
-        for c in range(N):
-            square += v[c] * v[c]
-        estimate[0, r], estimate[1, r] = value, math.sqrt(square)
-
-
-@compiled
-def run(  # type: ignore[no-untyped-def]
-        step, tangent, filter_, scratch, slow, x, z, inputs, measured, begin, end, results,
-        estimates, gains):
-    """Predict each sample from begin to end, and take in what is measured there, if anything.
-
-    Moves x, z, the parameters that are followed, and the root of their covariance. results (M, 2)
-    gets the prediction and the variance of the innovation; estimates (M, 2, R), if not empty, what
-    is known after the measurement, and its standard deviation; gains (M, n + memory), if not
-    empty, by how much of the innovation state and memory moved. A run that diverges is left at nan
-    from there on. slow is None where no parameter is followed: that is compiled by itself, since
-    to pass what is not needed would take as long as the rest. Returns the sample after the last
-    one done: it ends early where a parameter has moved so far that the matrices must be made anew.
-    """
-    S, blocks, room, work, g, v = scratch
-    n, N, w, used = len(x), len(S), len(z), filter_.used
-    m = len(step.shift)
-    q = x[:0] if slow is None else slow.now
-    P = step.H.shape[1] - n - m
-    rows, walking = divided(blocks[:n], blocks[n:n + w], room, m, P), blocks[n + w:]
-    slope = v[:used]
-    for k in range(begin, end):
-        if k > 0:
-            if slow is not None:
-                follow_by(step, tangent, slow, walking)
-            advance(step, tangent, x, z, work, rows, g, inputs, k)
-            for i in range(n):
-                for j in range(n):
-                    S[i, N + j] = filter_.process[i, j]
-            for i in range(len(q)):
-                S[n + w + i, N + n + i] = filter_.walks[i]
-            triangularise(S, used, v)
-        if slow is not None:
-            follow_by(step, tangent, slow, walking)
-        y = output(step, tangent, x, z, work, rows, g, inputs, k, slope)
-        if not abs(y) < LIMIT:
-            results[k:end] = float('nan')
-            estimates[k:end] = float('nan')
-            return end
-        noise = filter_.variance
-        for j in range(N, used):
-            noise += slope[j] * slope[j]
-        variance = noise
-        for j in range(N):
-            variance += slope[j] * slope[j]
-        known = variance <= filter_.most * filter_.most
-        if not known:
-            variance = filter_.most * filter_.most
-            for i in range(N):
-                for j in range(S.shape[1]):
-                    S[i, j] = filter_.start[i, j]
-        results[k, 0], results[k, 1] = y, variance
-        innovation = measured[k] - y
-        if known and innovation == innovation:
-            shrink = 1.0 / (variance + math.sqrt(noise * variance))
-            for i in range(N):
-                covariance = 0.0
-                for j in range(N):
-                    covariance += S[i, j] * slope[j]
-                if i < n:
-                    x[i] += covariance / variance * innovation
-                elif i < n + w:
-                    z[i - n] += covariance / variance * innovation
-                elif slow is not None:
-                    c = i - n - w
-                    q[c] = min(max(q[c] + covariance / variance * innovation, slow.low[c]),
-                               slow.high[c])
-                for j in range(N):
-                    S[i, j] -= shrink * covariance * slope[j]
-                if len(gains) > 0 and i < n + w:
-                    gains[k, i] = covariance / variance
-        if len(estimates) > 0:
-            show(filter_.shown, S, x, z, q, work[1, :m], work[5, :P], v, estimates[k])
-        if slow is not None:
-            for i in range(len(q)):
-                if abs(q[i] - slow.at[i]) > slow.far[i]:
-                    return k + 1
-    return end
-
-
 class Observation:
     """One run of an observer: what it holds between two samples."""
 
@@ -219,9 +32,10 @@ class Observation:
         """Begin with the covariance of the start; state and memory are moved in place."""
         self.observer, self.x, self.z = observer, x, z
         system, blocks = observer.system, in_rows(observer.filter.start)
-        S = blocks.reshape(len(blocks), -1)
+        S, outputs = blocks.reshape(len(blocks), -1), len(observer.filter.variances)
         self.scratch = Scratch(S, blocks, room_for(system, blocks.shape[1]), system.work(),
-                               partials(system), np.zeros(S.shape[1]))
+                               partials(system), np.zeros((1 + outputs, S.shape[1])),
+                               np.ones(outputs))
         self.slow = observer.followed.slow() if observer.followed else None
         self.stages = observer.stages
         if observer.followed and self.slow:
@@ -238,10 +52,18 @@ class Observation:
             if followed and slow and (np.abs(slow.now - slow.at) > slow.far).any():
                 self.stages = (followed.stage(slow, self.observer.columns),)
 
+    @property
+    def believed(self) -> dict[str, bool]:
+        """The sensors whose noise is known, and whether each is believed by now; see `kalman`."""
+        misfit, known = self.scratch.misfit, self.observer.filter
+        return {sensor.name: bool(misfit[k] <= LASTING * known.gate)
+                for k, sensor in enumerate(self.observer.system.plant.sensors, 1)
+                if math.isfinite(known.variances[k])}
+
     def copy(self) -> Observation:
         """Copy it, to go on with while this one stays."""
         other = Observation(self.observer, self.x.copy(), self.z.copy())
-        other.scratch.S[:] = self.scratch.S
+        other.scratch.S[:], other.scratch.misfit[:] = self.scratch.S, self.scratch.misfit
         followed = self.observer.followed
         if followed and self.slow and other.slow:
             other.slow.now[:] = self.slow.now
@@ -276,7 +98,9 @@ class Observer:
         walks = math.sqrt(T) * followed.rate if followed else np.zeros(0)
         self.names, shown = quantities_of(system, N)
         self.columns = used - K
-        self.filter = Filter(start, process, walks, used, noise.measurement ** 2,
+        deviations = [noise.measurement, *(noise.sensors.get(sensor.name, math.nan)
+                                           for sensor in system.plant.sensors)]
+        self.filter = Filter(start, process, walks, used, np.square(deviations), GATE,
                              USELESS * system.plant.output_scale,
                              np.vstack([shown, np.eye(N, shown.shape[1])[N - Q:]]))
         self.stages = tuple((stage.step, tangent_of(stage, NONE)._replace(rest=self.columns))
@@ -288,20 +112,22 @@ class Observer:
 
         Args:
             inputs: (M, m).
-            measured: the output, nan where there is none, (M,).
+            measured: the output, (M,), or the output and the sensors of the plant, (M, 1 + R); nan
+                where there is none.
             estimates: whether those are wanted.
             start: stamp of the first sample [ns]; None stands for now.
 
         Returns:
-            Prediction and variance of the innovation, (M, 2), and, if wanted, what is known after
-            each measurement and its standard deviation, (M, 2, R): `names`, then the logarithms
-            of what is followed over its value in the model; nan after a divergence.
+            Prediction and variance of the innovation, (M, 2), or of each output in turn,
+            (M, 2 + 2R), see `run`; and, if wanted, what is known after each measurement and its
+            standard deviation, (M, 2, R): `names`, then the logarithms of what is followed over
+            its value in the model; nan after a divergence.
         """
-        system = self.system
-        x = system.at(start).start(inputs[0],
-                                   measured[0] if math.isfinite(measured[0]) else 0.0)
+        system, measured = self.system, measured.reshape(len(inputs), -1)
+        x = system.at(start).start(
+            inputs[0], float(measured[0, 0]) if math.isfinite(measured[0, 0]) else 0.0)
         observation = Observation(self, x, np.zeros(system.memory))
-        results = np.empty((len(inputs), 2))
+        results = np.empty((len(inputs), 2 * measured.shape[1]))
         seen = np.empty((len(inputs) if estimates else 0, 2, len(self.filter.shown)))
         for stage, first, last in system.stretches(len(inputs), start):
             observation.advance(stage, inputs, measured, first, last, results, seen)

@@ -22,7 +22,8 @@ def modes_of(model: Model) -> tuple[str, ...]:
 class Stepper(Protocol):
     """A predictor at one instant of a run; a fresh one is a reset."""
 
-    def step(self, inputs: FloatArray, measured: float, stamp: int | None = None) -> float:
+    def step(self, inputs: FloatArray, measured: float, stamp: int | None = None,
+             sensors: FloatArray | None = None) -> float:
         """Predict the output of the next sample of the grid.
 
         Args:
@@ -30,6 +31,8 @@ class Stepper(Protocol):
             measured: the output measured at that sample, nan where there is none. It serves the
                 samples after this one, and the first sample to set the state.
             stamp: of the sample [ns], which matters where a parameter drifts; None stands for now.
+            sensors: what the sensors of the plant read at that sample, (R,), nan where that is not
+                known; None: none does. The observer takes them in, as the output.
 
         Returns:
             The prediction, nan while too few samples have passed or after a divergence.

@@ -13,7 +13,10 @@ from hydro_twin.recording.series import FloatArray, Series
 MAX_GAP = 5.0   # sample times, or periods of a slower signal, that a pause may last
 MIN_SAMPLES = 10   # shorter stretches hold nothing to learn from
 FEWEST_STEADY = 20   # pauses, to show that a command is sent at a rate
-FEWEST = 2   # samples of a sensor, to interpolate between
+FEWEST = 2   # samples of a sensor, to draw a line through
+# Sample times between two samples of a sensor that is interpolated: jitter makes some of one at
+# the rate of the grid longer than 1, a lost sample makes it 2.
+BETWEEN = 1.5
 STEADY_SHARE = 0.9   # of the pauses of a command within half a period: it is sent at a rate
 SLACK = 0.1   # of a sample time: a held signal without stamps may be this late
 ROUNDING = 1e-3   # of a sample time: one with stamps, which may come from rounded numbers
@@ -62,9 +65,11 @@ def to_grid(signals: Mapping[str, Samples], held: Collection[str], sample_time: 
 def beside(series: Series, samples: Samples) -> FloatArray:
     """Put a sensor on the grid of a series, at its own rate: nan between its samples.
 
-    Each sample counts once, at the grid time nearest to it, to which it is interpolated between
-    its neighbours. A fast sensor is known at every grid time; one that fails, or begins late, at
-    none from there on, and the series is as long as without it.
+    Between two samples no further apart than `BETWEEN` it is interpolated. Otherwise each sample
+    counts at the grid time nearest to it, to which it is moved along the line through it and the
+    sample before. So a fast sensor is known at every grid time, a slow one once a sample, and one
+    that fails, or begins late, not at all meanwhile. No sample counts before it has come, so that
+    a live node knows as much (`live.sensor`).
 
     Args:
         series: on a grid.
@@ -79,17 +84,17 @@ def beside(series: Series, samples: Samples) -> FloatArray:
     if len(times) < FEWEST:
         return values
     grid = series.stamps
-    pauses = np.diff(times)
-    nearest = np.rint((times - series.start) / step).astype(np.int64)
-    if _typical(pauses) <= step:
-        nearest = np.arange(len(series))
-    else:
-        nearest = np.unique(nearest[(nearest >= 0) & (nearest < len(series))])
-    here = grid[nearest]
-    after = np.clip(np.searchsorted(times, here), 1, len(times) - 1)
-    near = (pauses[after - 1] <= MAX_GAP * max(_typical(pauses), step)) | (times[after] == here)
-    there = nearest[near & (here >= times[0]) & (here <= times[-1])]
-    values[there] = interpolate(times, samples.values, grid[there])
+    after = np.searchsorted(times, grid)
+    first, last = after == 0, after == len(times)
+    after[last] -= 1
+    later = np.maximum(after, 1)
+    soon = times[after] - grid
+    near = ~first & ~last & ((times[later] - times[later - 1] <= BETWEEN * step)
+                             | (soon <= 0.5 * step))
+    just = ~near & (after + last >= 2) & (grid - times[after + last - 1] < 0.5 * step)
+    later = np.where(just, after + last - 1, later)
+    there = near | just | (soon == 0)
+    values[there] = along(times, samples.values, grid[there], later[there])
     return values
 
 
@@ -100,7 +105,11 @@ def hold(times: IntArray, values: FloatArray, grid: IntArray) -> FloatArray:
 
 def interpolate(times: IntArray, values: FloatArray, grid: IntArray) -> FloatArray:
     """Interpolate linearly; a time on the grid gives its own value, to the last bit."""
-    after = np.clip(np.searchsorted(times, grid), 1, len(times) - 1)
+    return along(times, values, grid, np.clip(np.searchsorted(times, grid), 1, len(times) - 1))
+
+
+def along(times: IntArray, values: FloatArray, grid: IntArray, after: IntArray) -> FloatArray:
+    """Go along the lines through samples `after` and those before them, one for each grid time."""
     before = after - 1
     weight = (grid - times[before]) / (times[after] - times[before])
     between = values[before] + weight * (values[after] - values[before])

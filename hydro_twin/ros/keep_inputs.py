@@ -78,6 +78,8 @@ class Inputs:
         """Take in a message: into the ring, and to the models that are judged."""
         received = self._now()
         aligner, keeper = live.aligner, self._keeper
+        if not live.begun:
+            live.begin(self._topics.publishers())
         live.take(feed, payload, lambda: received)
         if aligner.jumps != self._jumps:
             self._jumps = aligner.jumps
@@ -88,7 +90,7 @@ class Inputs:
             if (duel := keeper.judge.duel) is not None:
                 if aligner.first:
                     duel.restart()
-                duel.step(aligner.stamp, aligner.inputs, aligner.measured)
+                duel.step(aligner.stamp, aligner.inputs, aligner.measured, aligner.sensors)
 
     def look(self) -> None:
         """Subscribe to what else is captured, once it is published; find what is latched.

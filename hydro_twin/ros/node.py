@@ -200,6 +200,7 @@ class TwinNode(LifecycleNode):
         if live is None:
             raise RuntimeError('activated before it was configured')
         live.aligner.restart()
+        live.begun = False
         for feed in live.feeds:
             self._topics.listen(feed, self._listener(live, feed))
         self._ticked = time.monotonic()
@@ -234,6 +235,8 @@ class TwinNode(LifecycleNode):
         def listen(payload: bytes) -> None:
             if self._swaps:
                 self._swap()
+            if not live.begun:
+                live.begin(self._topics.publishers())
             live.take(feed, payload, now)
             self._drain(live)
 
@@ -246,7 +249,7 @@ class TwinNode(LifecycleNode):
             for outlet in self._outlets:
                 if aligner.first:
                     outlet.restart()
-                outlet.step(aligner.stamp, aligner.inputs, aligner.measured)
+                outlet.step(aligner.stamp, aligner.inputs, aligner.measured, aligner.sensors)
 
     def _swap(self) -> None:
         """Let freshly loaded twins take over, between two samples."""

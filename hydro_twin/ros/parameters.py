@@ -77,8 +77,10 @@ class SignalParameters:
         while self._declared:
             node.undeclare_parameter(self._declared.pop())
         defaults = load_parameters(default_config(name))
-        self._signals = [*plant.signals, *(sensor for sensor in plant.sensors
-                                           if is_named(sensor.name, self._overrides))]
+        given = any(key.startswith(PREFIX) for key in self._overrides)
+        self._signals = [*plant.signals, *(
+            sensor for sensor in plant.sensors
+            if is_named(sensor.name, self._overrides if given else defaults))]
         for signal in self._signals:
             for attribute in ('topic', 'type', 'field', 'scale', 'offset'):
                 key = f'{PREFIX}{signal.name}.{attribute}'

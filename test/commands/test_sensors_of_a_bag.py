@@ -7,6 +7,7 @@ import pytest
 
 from hydro_twin.api import read
 from hydro_twin.commands.main import main
+from hydro_twin.model import read_model
 from hydro_twin.plants import PLANTS
 from hydro_twin.recording.rig import rig_of
 from hydro_twin.recording.write import write_recording
@@ -67,6 +68,21 @@ def test_a_sensor_that_fails_half_way_is_used_while_it_works(bag, tmp_path, caps
         assert replayed['outputs'][name]['free_run']['rmse'] == pytest.approx(rms, rel=0.3)
 
 
+def test_the_observer_takes_in_the_sensors_and_knows_the_states_better(bag, tmp_path, capsys):
+    config = tmp_path / 'rig.yaml'
+    config.write_text('/**: {ros__parameters: {constants: {D_m: 2.0e-5}}}')
+    run(capsys, 'refit', bag, '--plant', PLANT.name, '-o', tmp_path / 'model.yaml')
+    noise = read_model(tmp_path / 'model.yaml').noise
+    assert noise.measurement == pytest.approx(0.5, rel=0.1)
+    assert {name: noise.sensors[name] == pytest.approx(rms, rel=0.15)
+            for name, rms in NOISE.items()} == dict.fromkeys(NOISE, True)
+    with_all, with_none = (
+        run(capsys, 'replay', bag, '--model', tmp_path / 'model.yaml', *more)['states']
+        for more in ((), ('--config', config)))
+    # Nothing disturbs this rig, so that the model alone knows the states nearly as well.
+    assert all(with_all[name]['std'] < with_none[name]['std'] for name in PLANT.states)
+
+
 def test_a_configuration_without_sensors_fits_the_output_alone(bag, tmp_path, capsys):
     config = tmp_path / 'rig.yaml'
     config.write_text('/**: {ros__parameters: {constants: {D_m: 2.0e-5}}}')
@@ -74,3 +90,4 @@ def test_a_configuration_without_sensors_fits_the_output_alone(bag, tmp_path, ca
                  tmp_path / 'model.yaml')
     assert list(fitted['combinations']) == ['V_m/beta_e', 'K_q*K_sv']
     assert list(fitted['outputs']) == ['T_g']
+    assert read_model(tmp_path / 'model.yaml').noise.sensors == {}

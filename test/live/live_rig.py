@@ -64,7 +64,8 @@ class EchoStepper:
     free: bool
     last: float = math.nan
 
-    def step(self, inputs: Any, measured: float, stamp: int | None = None) -> float:
+    def step(self, inputs: Any, measured: float, stamp: int | None = None,
+             sensors: Any = None) -> float:
         prediction = self.gain * self.last
         if not self.free or math.isnan(self.last):
             self.last = measured

@@ -17,7 +17,7 @@ from hydro_twin.live.outlet import Outlet
 from hydro_twin.live.reader import Reader
 from hydro_twin.live.twin import Twin
 from hydro_twin.live.writer import Writer
-from hydro_twin.model import Noise, write_model
+from hydro_twin.model import Noise, Record, write_model
 from hydro_twin.recording.cdr import CdrError
 from hydro_twin.recording.signals import SignalMap
 
@@ -37,6 +37,104 @@ def test_messages_become_samples() -> None:
     sink.run(range(50))
     assert sink.samples == expected(range(50))
     assert said(sink, '/joint_states') == (Level.OK, 'coming in')
+
+
+def sensed() -> Sink:
+    """Take the samples of a twin that listens to two sensors, one of them with the joints."""
+    signals = SIGNALS | {
+        'omega_m': SignalMap('/joint_states', 'sensor_msgs/msg/JointState', 'velocity[0]'),
+        'x_v': SignalMap('/spool', 'sensor_msgs/msg/JointState', 'position[0]')}
+    return Sink(Live(PLANT, signals, 0.002, 0.02))
+
+
+def test_without_the_sensors_that_are_configured_all_is_as_before() -> None:
+    """No message has a velocity, and nobody publishes the spool."""
+    sink = sensed()
+    sink.live.begin({'/command': 1, '/joint_states': 1})
+    for k in range(50):
+        sink.run([k])
+        assert len(sink.samples) == k + 1
+    assert sink.samples == expected(range(50))
+    assert np.isnan(sink.live.aligner.sensors).all()
+    assert said(sink, '/joint_states') == (Level.OK, 'coming in')
+    assert said(sink, '/spool', publishers=0) == (Level.OK, 'no such sensor')
+    assert said(sink, '/spool', publishers=1) == (Level.WARN, 'nothing has come yet')
+
+
+def test_a_sensor_that_stops_is_said_and_stops_nothing() -> None:
+    sink = sensed()
+    read = []
+    for k in range(100):
+        if k < 40:
+            sink.feed(2, joint_state(START + k * STEP, ['spool'], [5 * k]))
+        sink.run([k])
+        read.append(sink.live.aligner.sensors.tolist())
+    assert sink.samples[:80] == expected(range(100))[:80]
+    assert len(sink.samples) == 100
+    x_v = [sensor.name for sensor in PLANT.sensors].index('x_v')
+    assert [row[x_v] for row in read[:40]] == [5.0 * k for k in range(40)]
+    assert np.isnan(read[-1]).all()
+    diagnosis = Diagnosis(sink.live, [])
+    diagnosis.statuses(0, 1.0, {})
+    status = next(s for s in diagnosis.statuses(10**9, 1.0, {'/spool': 1}) if '/spool' in s.part)
+    assert (status.level, status.message) == (Level.WARN, 'nothing for 1.0 s')
+    assert status.values['x_v filled'] == '1'
+
+
+def test_a_sensor_that_contradicts_the_others_is_said() -> None:
+    noise = Noise(1.0, {'x_v': 1e-6}, {'x_v': 1e-5, 'p_L': 1e6, 'omega_j': 0.1, 'theta_j': 0.01},
+                  sensors={'omega_m': 1e-3})
+    predictor = replace(model(), noise=noise).predictor()
+    twin = Twin('', predictor, 'observer')
+    sensors = np.full(len(PLANT.sensors), math.nan)
+    for k in range(400):
+        sensors[-1] = 0.0 if k < 100 else 10.0
+        twin.step(k * STEP, np.zeros(2), 0.0, sensors)
+        if not 100 <= k < 110:
+            assert twin.sensors == {'omega_m': k < 100}
+    assert abs(twin.estimate[0, 2]) < 1e-3
+    status = Diagnosis(Sink().live, [twin]).statuses(0, 1.0, {})[-1]
+    assert status.level == Level.WARN
+    assert status.message == 'omega_m contradicts the other measurements: left out'
+    assert status.values['sensors left out'] == 'omega_m'
+
+
+def test_a_sensor_that_fails_is_no_reason_to_refit() -> None:
+    """The residual then grows by half, as the observer expects."""
+    rng = np.random.default_rng(1)
+    linear = model()
+    rate = 2e-4                     # of the spool, by noise on the command
+    values = linear.values
+    loud = rate * values['K_p'] / values['K_sv'] / math.sqrt(0.002)
+    n, t = 40_000, 0.002 * np.arange(40_000)
+    inputs = np.column_stack([np.sin(9.0 * t), 0.01 * np.sin(7.0 * t)])
+    true = np.empty((n, len(linear.system.step.H)))
+    y = linear.system.run(inputs + loud * rng.normal(size=n)[:, None] * [1.0, 0.0],
+                          np.zeros(PLANT.order), seen=true)
+    sensors = np.full((n, len(PLANT.sensors)), math.nan)
+    sensors[:, -1] = true[:, -1] + 5e-3 * rng.normal(size=n)
+    measured = y + 0.5 * rng.normal(size=n)
+    noise = Noise(0.5, {'x_v': rate}, dict.fromkeys(PLANT.states, 0.0),
+                  sensors={'omega_m': 5e-3})
+    sound = replace(linear, noise=noise).predictor()
+    results, _ = sound.filter.run(inputs, np.column_stack([measured, sensors]))     # type: ignore
+    promise = float(np.sqrt(np.mean((measured - results[:, 0])[:10_000] ** 2)))
+    innovation = float(np.sqrt(np.mean(results[:10_000, 1])))
+    sensors[20_000:] = math.nan
+    for expected, rises in ((innovation, False), (None, True)):
+        twin = Twin('', replace(
+            linear, noise=replace(noise, innovation=expected),
+            record=Record(errors={'after': {'observer': {'test': promise}}})).predictor(),
+            'observer')
+        residuals = []
+        for k in range(n):
+            twin.step(k * STEP, inputs[k], measured[k], sensors[k])
+            residuals.append(twin.residual)
+            if k % 500 == 0:
+                twin.judge()
+        assert twin.monitor is not None
+        assert (twin.monitor.rise is not None) == rises
+        assert np.std(residuals[21_000:]) > 1.3 * np.std(residuals[1000:20_000])
 
 
 def test_joints_may_change_places_and_messages_their_size() -> None:

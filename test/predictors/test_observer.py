@@ -264,7 +264,7 @@ def test_the_covariance_stays_positive_definite_and_all_is_finite(rig, what):
     observation = Observation(observer, x, np.zeros(system.memory))
     results, none = np.empty((3000, 2)), np.empty((0, 2, len(observer.names)))
     for begin in range(0, 3000, 50):
-        observation.advance(0, inputs, measured, begin, begin + 50, results, none)
+        observation.advance(0, inputs, measured[:, None], begin, begin + 50, results, none)
         S = observation.scratch.S
         P = (S @ S.T)[:len(x), :len(x)]
         scale = np.sqrt(np.diag(P))

@@ -131,12 +131,22 @@ def grid_of(n):
                    DT)[0]
 
 
-def test_a_slow_sensor_counts_once_a_sample_and_is_not_made_up_between():
-    stamps = 10 * STEP * np.arange(10) + 3 * STEP // 10
+@pytest.mark.parametrize('phase', [0, 3, 8])
+def test_a_slow_sensor_counts_once_a_sample_and_is_not_made_up_between(phase):
+    """At the grid time nearest to it, before or after."""
+    stamps = 10 * STEP * np.arange(10) + phase * STEP // 10
     found = beside(grid_of(101), samples(stamps, 2e-9 * stamps))
     there = np.flatnonzero(np.isfinite(found))
-    assert there.tolist() == list(range(10, 100, 10))       # at 0 it was not known yet
+    first = 0 if phase == 0 else 10         # off the grid, a line through two is needed
+    assert there.tolist() == list(range(first + (phase > 5), 100, 10))
     np.testing.assert_allclose(found[there], 2.0 * DT * there, rtol=1e-12)
+
+
+def test_a_sensor_at_the_rate_of_the_grid_is_known_everywhere_whatever_its_jitter():
+    rng = np.random.default_rng(0)
+    stamps = STEP * np.arange(101) + rng.integers(0, STEP // 5, 101)
+    found = beside(grid_of(101), samples(stamps, 1e-9 * stamps))
+    np.testing.assert_allclose(found[1:], DT * np.arange(1, 101), rtol=1e-12)
 
 
 def test_a_fast_sensor_is_known_everywhere():

@@ -127,8 +127,9 @@ def test_an_inactive_node_says_so_and_alarms_nobody(model: Path,
         active, inactive, again = ([(s.name, ord(s.level), s.message) for s in message.status]
                                    for message in said)
         assert {name for name, _, _ in active} == {f'hydro_twin: {part}' for part in (
-            'input /load_simulator/command', 'input /load_simulator/joint_states', 'time',
-            'model main')}
+            'input /load_simulator/command', 'input /load_simulator/joint_states',
+            'input /load_simulator/pressure', 'input /load_simulator/spool',
+            'input /load_simulator/motor', 'time', 'model main')}
         assert any(level > 0 for _, level, _ in active)   # nothing has come
         assert inactive == [(name, 0, 'inactive') for name, _, _ in active]
         assert [name for name, _, _ in again] == [name for name, _, _ in active]
