@@ -89,12 +89,13 @@ def write_model(model: Model, path: Path) -> None:
         raise ModelError(f'{path}: cannot be written ({error.strerror})') from error
 
 
-def read_model(path: Path) -> Model:
+def read_model(path: Path | str) -> Model:
     """Read a model file and check all of it.
 
     Raises:
         ModelError: not there, damaged, of another format, or not physical; one line says which.
     """
+    path = Path(path)
     try:
         raw = yaml.safe_load(path.read_text(encoding='utf-8'))
     except OSError as error:
@@ -116,8 +117,8 @@ def read_model(path: Path) -> Model:
         raise ModelError(f'{path}: damaged ({type(error).__name__}: {error})') from error
 
 
-def load_predictor(path: Path, sample_time: float | None = None, follow: Sequence[str] = ()
-                   ) -> Predictor:
+def load_predictor(path: Path | str, sample_time: float | None = None,
+                   follow: Sequence[str] = ()) -> Predictor:
     """Read a model file and make its predictor.
 
     Args:
@@ -131,6 +132,7 @@ def load_predictor(path: Path, sample_time: float | None = None, follow: Sequenc
             network, which cannot run at that sample time, or what is to be followed is not a
             parameter with a rate; one line says which.
     """
+    path = Path(path)
     model = read_model(path)
     if model.network and not (path.parent / model.network).is_file():
         raise ModelError(f'{path}: its weights file {model.network} is missing: copy it to the '
