@@ -151,9 +151,11 @@ def load_predictor(path: Path | str, sample_time: float | None = None,
 
 def _from_document(raw: Mapping[str, Any]) -> Model:
     plant, kind = plant_named(raw['plant']), kind_named(raw.get('predictor', 'analytical'))
-    constants = {name: _number(f'constant {name}', c['value'])
+    units = {p.name: p.unit for p in (*plant.parameters, *plant.constants)}
+    constants = {name: _quantity(f'constant {name}', c, units.get(name))
                  for name, c in (raw.get('constants') or {}).items()}
-    parameters = {name: _number(name, p['value']) for name, p in raw['parameters'].items()}
+    parameters = {name: _quantity(name, p, units.get(name))
+                  for name, p in raw['parameters'].items()}
     uncertainty = {name: _uncertainty(name, p) for name, p in raw['parameters'].items()}
     if parameters or kind.physics:
         plant.check(parameters)
@@ -161,8 +163,10 @@ def _from_document(raw: Mapping[str, Any]) -> Model:
     for k, e in enumerate(raw.get('effects') or ()):
         at = (curve_at(e['port'], e['kind'], e['signal'], plant) if e['id'] == CURVE.id else
               effect_at(e['id'], e['port'], plant))
-        effects.append(filled(*at, {name: _number(f'effect {e["id"]}: {name}', p['value'])
-                                    for name, p in e['parameters'].items()}))
+        units = {p.name: at[0].unit(p, at[1]) for p in at[0].parameters}
+        effects.append(filled(*at, {
+            name: _quantity(f'effect {e["id"]}: {name}', p, units.get(name))
+            for name, p in e['parameters'].items()}))
         uncertainty |= {
             f'{k}:{name}': Uncertainty(std_error=None if spread == NOT_REACHED else spread)
             for name, p in e['parameters'].items() for spread in [p.get('std_error')]}
@@ -214,6 +218,19 @@ def _noise(raw: Mapping[str, Any], plant: Plant) -> Noise:
         raise ModelError('observer: measurement_noise must be above 0, process_noise, start and '
                          'follow at least 0, and all finite')
     return noise
+
+
+def _quantity(name: str, given: Mapping[str, Any], unit: str | None) -> float:
+    """Take the value of an entry, if its unit, where it has one, is the one that counts.
+
+    Args:
+        name: for messages.
+        given: the entry, with its value.
+        unit: that the value must be in; None where the name is unknown, which is refused later.
+    """
+    if unit is not None and str(given.get('unit') or unit) != unit:
+        raise ModelError(f'{name}: its unit must be {unit}, not {given["unit"]}')
+    return _number(name, given['value'])
 
 
 def _number(name: str, value: object) -> float:
