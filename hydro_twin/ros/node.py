@@ -36,6 +36,7 @@ from hydro_twin.live.worker import Worker
 from hydro_twin.plants import plant_named
 from hydro_twin.recording.clock import check_live
 from hydro_twin.ros.announcer import Announcer
+from hydro_twin.ros.lifecycle import refuse_impossible_transitions
 from hydro_twin.ros.parameters import declare_parameters, objection, SignalParameters
 from hydro_twin.ros.topics import Topics
 
@@ -53,6 +54,7 @@ class TwinNode(LifecycleNode):
 
     def __init__(self) -> None:
         super().__init__('hydro_twin')
+        refuse_impossible_transitions(self)
         self.fault: Exception | None = None   # why the last transition failed
         self._live: Live | None = None
         self._diagnosis: Diagnosis | None = None
