@@ -29,8 +29,7 @@ NOT_REACHED = 'not reached'
 def document(model: Model) -> dict[str, Any]:
     """Lay a model out as the plain structure of its file."""
     plant, record = model.plant, model.record
-    units = {p.name: p.unit for p in plant.parameters}
-    units |= {c.name: c.unit for c in plant.constants}
+    units = _units(plant)
     return {
         'format': FORMAT,
         'plant': plant.name,
@@ -67,6 +66,11 @@ def document(model: Model) -> dict[str, Any]:
         'errors': dict(record.errors),
         'provenance': dict(record.provenance),
     }
+
+
+def _units(plant: Plant) -> dict[str, str]:
+    """Give the unit of each parameter and constant of a plant."""
+    return {p.name: p.unit for p in plant.parameters} | {c.name: c.unit for c in plant.constants}
 
 
 def _found(placed: Placed) -> dict[str, str]:
@@ -151,7 +155,7 @@ def load_predictor(path: Path | str, sample_time: float | None = None,
 
 def _from_document(raw: Mapping[str, Any]) -> Model:
     plant, kind = plant_named(raw['plant']), kind_named(raw.get('predictor', 'analytical'))
-    units = {p.name: p.unit for p in (*plant.parameters, *plant.constants)}
+    units = _units(plant)
     constants = {name: _quantity(f'constant {name}', c, units.get(name))
                  for name, c in (raw.get('constants') or {}).items()}
     parameters = {name: _quantity(name, p, units.get(name))
