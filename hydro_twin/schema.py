@@ -145,6 +145,7 @@ class TableMapFile(Struct, kw_only=True, forbid_unknown_fields=True):
     time_range: Annotated[tuple[Number | None, Number | None],
                           Meta(description='begin and end [s]')] | UnsetType = UNSET
     origin: Annotated[str, Meta(description='where the data come from')] = ''
+    decimal: Literal['.', ','] = '.'
 
 
 class SignalEntry(Struct, kw_only=True, forbid_unknown_fields=True):
