@@ -3,6 +3,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from contextlib import contextmanager
+import errno
 import os
 from pathlib import Path
 
@@ -14,8 +15,12 @@ def written_whole(path: Path) -> Iterator[Path]:
     Where the writing fails, or is interrupted, the file stays as it was.
 
     Raises:
-        OSError: the file cannot be put there.
+        OSError: the file cannot be put there; it names the file, not the one written to.
     """
+    if path.is_dir():
+        raise IsADirectoryError(errno.EISDIR, os.strerror(errno.EISDIR), str(path))
+    if not path.parent.is_dir():
+        raise FileNotFoundError(errno.ENOENT, os.strerror(errno.ENOENT), str(path))
     part = path.with_name(f'.{path.name}.{os.getpid()}')
     try:
         yield part

@@ -1,3 +1,5 @@
+from pathlib import Path
+
 import pytest
 
 from hydro_twin.files import write_whole, written_whole
@@ -22,5 +24,13 @@ def test_text_and_bytes_take_the_place_of_the_file(tmp_path):
 
 
 def test_a_folder_that_is_not_there_is_an_os_error(tmp_path):
-    with pytest.raises(OSError, match='No such file'):
+    with pytest.raises(OSError, match='No such file') as caught:
         write_whole(tmp_path / 'none' / 'model.yaml', '')
+    assert caught.value.filename == str(tmp_path / 'none' / 'model.yaml')
+
+
+def test_a_folder_in_its_place_is_an_os_error(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    for path in (Path(), tmp_path):     # the first is what an empty argument becomes
+        with pytest.raises(IsADirectoryError, match='Is a directory'):
+            write_whole(path, '')
