@@ -9,6 +9,17 @@ from pathlib import Path
 
 
 @contextmanager
+def named_in_errors(path: Path) -> Iterator[None]:
+    """Name a file in what the system reports while it is written, as that the disk is full."""
+    try:
+        yield
+    except OSError as error:
+        if error.errno is not None and error.filename is None:
+            error.filename = str(path)
+        raise
+
+
+@contextmanager
 def written_whole(path: Path) -> Iterator[Path]:
     """Give a path beside a file to write to; it takes the file's place when all is written.
 
@@ -23,8 +34,9 @@ def written_whole(path: Path) -> Iterator[Path]:
         raise FileNotFoundError(errno.ENOENT, os.strerror(errno.ENOENT), str(path))
     part = path.with_name(f'.{path.name}.{os.getpid()}')
     try:
-        yield part
-        part.replace(path)
+        with named_in_errors(path):
+            yield part
+            part.replace(path)
     finally:
         part.unlink(missing_ok=True)
 

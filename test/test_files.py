@@ -1,3 +1,4 @@
+import errno
 from pathlib import Path
 
 import pytest
@@ -34,3 +35,11 @@ def test_a_folder_in_its_place_is_an_os_error(tmp_path, monkeypatch):
     for path in (Path(), tmp_path):     # the first is what an empty argument becomes
         with pytest.raises(IsADirectoryError, match='Is a directory'):
             write_whole(path, '')
+
+
+def test_an_error_of_the_disk_names_the_file(tmp_path):
+    path = tmp_path / 'picture.png'
+    with pytest.raises(OSError, match='No space left') as caught, written_whole(path):
+        raise OSError(errno.ENOSPC, 'No space left on device')
+    assert caught.value.filename == str(path)
+    assert not list(tmp_path.iterdir())
