@@ -49,7 +49,7 @@ def test_a_decimal_comma(tmp_path):
     path.write_text(CSV)
     with pytest.raises(BagError, match='a comma separates its columns'):
         read_table(path, table_map(tmp_path, MAP + "decimal: ','\n"))
-    with pytest.raises(UserError, match="decimal must be '.' or ',', not ';'"):
+    with pytest.raises(UserError, match=r"decimal must be '.' or ',', not ';'"):
         table_map(tmp_path, MAP + "decimal: ';'\n")
 
 
