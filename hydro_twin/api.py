@@ -194,9 +194,12 @@ def read(bags: Paths, plant: Plant | str, *, test: Paths = (), earlier: Paths = 
         show: shows what is being done.
 
     Raises:
-        UserError: there is no such plant, or the configuration or a constant is wrong.
+        UserError: there is no such plant, no bag is given, or the configuration or a constant is
+            wrong.
         BagError: a bag cannot be read, or lacks a signal.
     """
+    if not _paths(bags):
+        raise UserError('no bags are given')
     plant = plant_named(plant) if isinstance(plant, str) else plant
     rig = rig_of(plant, Path(config) if config else None, dict(constants or {}), model)
     return read_data(_paths(bags), _paths(test), rig, show, _paths(earlier))
@@ -246,7 +249,7 @@ def trace(data: Data, model: Model | None = None, seed: int = 0, *,
         show: shows what is being done.
 
     Raises:
-        UserError: the model is not an analytical one.
+        UserError: the model is not an analytical one, or of another plant than the data.
         DataError: the samples do not allow it.
     """
     model = None if model is None else _analytical(model, data)
@@ -264,7 +267,7 @@ def excitation(data: Data, model: Model) -> exciting.Excitation:
         model: an analytical one of the rig.
 
     Raises:
-        UserError: the model is not an analytical one.
+        UserError: the model is not an analytical one, or of another plant than the data.
     """
     return exciting.excitation(data.recording, _analytical(model, data))
 
@@ -273,11 +276,18 @@ def _analytical(model: Model, data: Data) -> Model:
     """Take an analytical model to the sample time of the data.
 
     Raises:
-        UserError: it is not one.
+        UserError: it is not one, or of another plant.
     """
+    _check_plant(model, data)
     if not kind_named(model.kind).analytical:
         raise UserError(f'a model of kind {model.kind}; a trace starts from an analytical one')
     return model.at(data.recording.sample_time)
+
+
+def _check_plant(model: Model, data: Data) -> None:
+    """Refuse a model of another plant than the data."""
+    if model.plant.name != data.plant.name:
+        raise UserError(f'a model of {model.plant.name}; the data are of {data.plant.name}')
 
 
 @one_thread()
@@ -290,7 +300,9 @@ def replay(data: Data, model: Model | Predictor) -> Replay:
 
     Raises:
         ModelError: the model is not of this sample time and cannot run at it, or has weights.
+        UserError: it is of another plant than the data.
     """
+    _check_plant(model if isinstance(model, Model) else model.model, data)
     predictor = (model.at(data.recording.sample_time).predictor() if isinstance(model, Model)
                  else model)
     recording = data.recording

@@ -3,8 +3,20 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from contextlib import contextmanager
+import errno
 import os
 from pathlib import Path
+
+
+@contextmanager
+def named_in_errors(path: Path) -> Iterator[None]:
+    """Name a file in what the system reports while it is written, as that the disk is full."""
+    try:
+        yield
+    except OSError as error:
+        if error.errno is not None and error.filename is None:
+            error.filename = str(path)
+        raise
 
 
 @contextmanager
@@ -14,12 +26,17 @@ def written_whole(path: Path) -> Iterator[Path]:
     Where the writing fails, or is interrupted, the file stays as it was.
 
     Raises:
-        OSError: the file cannot be put there.
+        OSError: the file cannot be put there; it names the file, not the one written to.
     """
+    if path.is_dir():
+        raise IsADirectoryError(errno.EISDIR, os.strerror(errno.EISDIR), str(path))
+    if not path.parent.is_dir():
+        raise FileNotFoundError(errno.ENOENT, os.strerror(errno.ENOENT), str(path))
     part = path.with_name(f'.{path.name}.{os.getpid()}')
     try:
-        yield part
-        part.replace(path)
+        with named_in_errors(path):
+            yield part
+            part.replace(path)
     finally:
         part.unlink(missing_ok=True)
 

@@ -152,6 +152,7 @@ class TableMapFile(Struct, kw_only=True, forbid_unknown_fields=True):
     time_range: Annotated[tuple[Number | None, Number | None],
                           Meta(description='begin and end [s]')] | UnsetType = UNSET
     origin: Annotated[str, Meta(description='where the data come from')] = ''
+    decimal: Literal['.', ','] = '.'
 
 
 class SignalEntry(Struct, kw_only=True, forbid_unknown_fields=True):
@@ -173,7 +174,8 @@ class ConfigParameters(Struct, kw_only=True):
     constants: dict[str, Number] = field(default_factory=dict)
     model: str = ''
     models: tuple[str, ...] = ()
-    mode: Literal['one_step', 'observer', 'free_run'] = 'one_step'
+    mode: Literal['one_step', 'observer', 'free_run'] = 'observer'
+    horizon: Annotated[int, Meta(ge=1, le=10_000, description='samples')] = 1
     follow: tuple[str, ...] = ()
     wait: Annotated[float, Meta(ge=0.0, le=10.0, description='[s]')] = 0.1
     autostart: bool = True

@@ -1,4 +1,5 @@
 """The Python interface: the page's notebook, and that it is what the commands compute."""
+from dataclasses import replace
 import json
 from pathlib import Path
 import re
@@ -12,6 +13,7 @@ import pytest
 import hydro_twin as ht
 from hydro_twin.commands.main import main
 from hydro_twin.errors import ModelError, UserError
+from hydro_twin.plants import plant_named
 
 ROOT = Path(__file__).resolve().parents[1]
 BAG = ROOT / 'bags' / 'rig_a'
@@ -85,6 +87,26 @@ def test_what_does_not_go_together_is_one_line(data, fit):
         ht.read(BAG, 'servo')
     with pytest.raises(ModelError, match=r'a series of 0\.002 s; the model runs at 0\.01 s'):
         fit.model.at(0.01).run(data.recording.series[0])
+    with pytest.raises(UserError, match='no bags are given'):
+        ht.read([], 'load_simulator')
+    with pytest.raises(UserError, match="no criterion 'freerun'; there are free_run, one_step"):
+        ht.refit(data, ht.Request(criterion='freerun'))
+
+
+def test_a_model_of_another_plant_than_the_data_is_refused(data, fit):
+    other = replace(data, rig=replace(data.rig, plant=plant_named('cylinder')))
+    for use in (ht.replay, ht.trace, ht.excitation):
+        with pytest.raises(UserError, match='a model of load_simulator; the data are of cylinder'):
+            use(other, fit.model)
+    with pytest.raises(UserError, match='a model of load_simulator; the data are of cylinder'):
+        ht.replay(other, fit.predictor)
+
+
+def test_a_model_file_may_be_named_by_text(fit, tmp_path):
+    path = str(tmp_path / 'm.yaml')
+    fit.save(path)
+    assert ht.read_model(path).values == fit.model.values
+    assert ht.load_predictor(path).model.values == fit.model.values
 
 
 @pytest.mark.slow

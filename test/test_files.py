@@ -1,3 +1,6 @@
+import errno
+from pathlib import Path
+
 import pytest
 
 from hydro_twin.files import write_whole, written_whole
@@ -22,5 +25,21 @@ def test_text_and_bytes_take_the_place_of_the_file(tmp_path):
 
 
 def test_a_folder_that_is_not_there_is_an_os_error(tmp_path):
-    with pytest.raises(OSError, match='No such file'):
+    with pytest.raises(OSError, match='No such file') as caught:
         write_whole(tmp_path / 'none' / 'model.yaml', '')
+    assert caught.value.filename == str(tmp_path / 'none' / 'model.yaml')
+
+
+def test_a_folder_in_its_place_is_an_os_error(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    for path in (Path(), tmp_path):     # the first is what an empty argument becomes
+        with pytest.raises(IsADirectoryError, match='Is a directory'):
+            write_whole(path, '')
+
+
+def test_an_error_of_the_disk_names_the_file(tmp_path):
+    path = tmp_path / 'picture.png'
+    with pytest.raises(OSError, match='No space left') as caught, written_whole(path):
+        raise OSError(errno.ENOSPC, 'No space left on device')
+    assert caught.value.filename == str(path)
+    assert not list(tmp_path.iterdir())

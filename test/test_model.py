@@ -158,6 +158,7 @@ def put(*keys, value):
     (put('parameters', 'J', 'value', value='heavy'), "J: 'heavy' is not a number"),
     (put('parameters', 'J', 'value', value=float('nan')), 'J: nan is not a number'),
     (put('parameters', 'J', 'value', value=True), 'J: True is not a number'),
+    (put('parameters', 'J', 'unit', value='g m^2'), 'J: its unit must be kg m^2, not g m^2'),
     (put('parameters', 'J', 'value', value=None), 'damaged'),
     (put('parameters', value=[1, 2]), 'damaged'),
     (put('constants', 'D_m', 'value', value=0.0), 'must be a positive number'),

@@ -9,6 +9,7 @@ import yaml
 
 from hydro_twin.commands.main import main
 from hydro_twin.errors import ModelError, UserError
+from hydro_twin.live.settings import SETTINGS
 from hydro_twin.model import document, Model, Noise, place, read_model, Record, Uncertainty
 from hydro_twin.plants import PLANTS
 from hydro_twin.recording.signals import load_signals
@@ -139,6 +140,15 @@ def test_a_configuration_that_is_not_valid_is_refused(tmp_path, key, value):
     assert not valid(raw, 'config')
     with pytest.raises(UserError):
         load_signals('load_simulator', [signal.name for signal in PLANT.signals], path)
+
+
+def test_the_schema_of_a_configuration_has_the_parameters_of_the_node():
+    parameters = json_schema('config')['$defs']['ConfigParameters']['properties']
+    given = {setting.name: setting.default for setting in SETTINGS}
+    assert set(given) | {'signals', 'constants'} == set(parameters)
+    for name, default in given.items():
+        said = parameters[name].get('default')
+        assert (tuple(said) or ('',) if isinstance(said, list) else said) in (default, None), name
 
 
 @pytest.mark.parametrize('kind', DOCUMENTS)

@@ -123,8 +123,8 @@ def estimate_noise(model: Model, series: Sequence[Series]) -> Noise | None:
             unit = np.array([float(other == name) for other in plant.states])
             reach[name] = float(np.linalg.norm(
                 system.laws.C @ process_root(system.laws, horizon, unit)))
-    measured = [np.column_stack([part.columns.get(signal.name, np.full(len(part), np.nan))
-                                 for signal in (plant.output, *plant.sensors)]) for part in parts]
+    measured = [part.stacked([signal.name for signal in (plant.output, *plant.sensors)])
+                for part in parts]
     movement = [float(np.std(column[np.isfinite(column)])) if np.isfinite(column).sum() >= SCORED
                 else 0.0 for column in np.concatenate(measured).T]
     columns = 1 + np.flatnonzero(movement[1:])

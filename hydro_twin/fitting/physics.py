@@ -109,11 +109,13 @@ def fit_physics(task: Task, method: str) -> Physics:
     """Fit the parameters of the plant within the search box, by the method of that name.
 
     Raises:
-        UserError: there is no such method, it knows another criterion only, or a held parameter
-            is not one.
+        UserError: there is no such method or criterion, the method knows another criterion only,
+            or a held parameter is not one.
         DataError: the samples do not allow it.
     """
     chosen = method_named(method)
+    if task.criterion not in CRITERIA:
+        raise UserError(f'no criterion {task.criterion!r}; there are {", ".join(CRITERIA)}')
     if task.criterion not in chosen.criteria:
         raise UserError(f'--method {method} minimises the one-step error, as in [B19]; '
                         'only least_squares knows --criterion free_run')

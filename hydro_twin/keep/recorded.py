@@ -46,8 +46,10 @@ def compare(champion: Twin, challenger: Twin, fitted: Recording, earlier: Record
     for series in earlier.series:
         duel.restart()
         inputs = np.column_stack([series[signal.name] for signal in plant.inputs])
-        for stamp, row, output in zip(series.stamps.tolist(), inputs,
-                                      series[plant.output.name].tolist(), strict=True):
-            duel.step(stamp, row, output)
+        sensors = series.stacked([sensor.name for sensor in plant.sensors])
+        for stamp, row, output, beside in zip(series.stamps.tolist(), inputs,
+                                              series[plant.output.name].tolist(), sensors,
+                                              strict=True):
+            duel.step(stamp, row, output, beside)
     return Known(challenger.mode, grid, seen(every, plant, grid), {
         name: one.holds.value for name, one in regimes.found.items()}), regimes

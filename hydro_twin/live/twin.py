@@ -65,6 +65,7 @@ class Twin:
         self._stepper = self.predictor.stepper(self.mode)
         self._step = self._stepper.step
         self._running = False
+        self._silent = 0        # measured samples in a row without a prediction
         self._count = 0
         if self._locator is not None:
             self._locator.clear()
@@ -159,13 +160,18 @@ class Twin:
 
         Returns:
             The prediction, nan while the run starts up or where it has diverged.
+
+        A run may diverge before its first prediction, as one that begins with a wild value: its
+        prediction is too large, or nan for more measured samples than any start-up takes.
         """
         prediction = self._step(inputs, measured, stamp, sensors)
         self._count += 1
         if self._locator is not None:
             self._locator.add(stamp, inputs, measured)
         if not abs(prediction) <= self._limit:
-            if self._running:
+            self._silent = self._silent + 1 if measured == measured else 0     # not nan
+            if (self._running or prediction == prediction
+                    or self._silent > self.predictor.plant.order + 1):
                 self.divergences += 1
                 self.reset()
             self.residual = math.nan

@@ -29,8 +29,7 @@ NOT_REACHED = 'not reached'
 def document(model: Model) -> dict[str, Any]:
     """Lay a model out as the plain structure of its file."""
     plant, record = model.plant, model.record
-    units = {p.name: p.unit for p in plant.parameters}
-    units |= {c.name: c.unit for c in plant.constants}
+    units = _units(plant)
     return {
         'format': FORMAT,
         'plant': plant.name,
@@ -77,6 +76,11 @@ def _noise_entry(noise: Noise) -> dict[str, Any]:
     }
 
 
+def _units(plant: Plant) -> dict[str, str]:
+    """Give the unit of each parameter and constant of a plant."""
+    return {p.name: p.unit for p in plant.parameters} | {c.name: c.unit for c in plant.constants}
+
+
 def _found(placed: Placed) -> dict[str, str]:
     """Say of a curve over which signal it is, and that it explains nothing."""
     if placed.effect.named:
@@ -97,12 +101,13 @@ def write_model(model: Model, path: Path) -> None:
         raise ModelError(f'{path}: cannot be written ({error.strerror})') from error
 
 
-def read_model(path: Path) -> Model:
+def read_model(path: Path | str) -> Model:
     """Read a model file and check all of it.
 
     Raises:
         ModelError: not there, damaged, of another format, or not physical; one line says which.
     """
+    path = Path(path)
     try:
         raw = yaml.safe_load(path.read_text(encoding='utf-8'))
     except OSError as error:
@@ -124,8 +129,8 @@ def read_model(path: Path) -> Model:
         raise ModelError(f'{path}: damaged ({type(error).__name__}: {error})') from error
 
 
-def load_predictor(path: Path, sample_time: float | None = None, follow: Sequence[str] = ()
-                   ) -> Predictor:
+def load_predictor(path: Path | str, sample_time: float | None = None,
+                   follow: Sequence[str] = ()) -> Predictor:
     """Read a model file and make its predictor.
 
     Args:
@@ -139,6 +144,7 @@ def load_predictor(path: Path, sample_time: float | None = None, follow: Sequenc
             network, which cannot run at that sample time, or what is to be followed is not a
             parameter with a rate; one line says which.
     """
+    path = Path(path)
     model = read_model(path)
     if model.network and not (path.parent / model.network).is_file():
         raise ModelError(f'{path}: its weights file {model.network} is missing: copy it to the '
@@ -157,9 +163,11 @@ def load_predictor(path: Path, sample_time: float | None = None, follow: Sequenc
 
 def _from_document(raw: Mapping[str, Any]) -> Model:
     plant, kind = plant_named(raw['plant']), kind_named(raw.get('predictor', 'analytical'))
-    constants = {name: _number(f'constant {name}', c['value'])
+    units = _units(plant)
+    constants = {name: _quantity(f'constant {name}', c, units.get(name))
                  for name, c in (raw.get('constants') or {}).items()}
-    parameters = {name: _number(name, p['value']) for name, p in raw['parameters'].items()}
+    parameters = {name: _quantity(name, p, units.get(name))
+                  for name, p in raw['parameters'].items()}
     uncertainty = {name: _uncertainty(name, p) for name, p in raw['parameters'].items()}
     if parameters or kind.physics:
         plant.check(parameters)
@@ -167,8 +175,10 @@ def _from_document(raw: Mapping[str, Any]) -> Model:
     for k, e in enumerate(raw.get('effects') or ()):
         at = (curve_at(e['port'], e['kind'], e['signal'], plant) if e['id'] == CURVE.id else
               effect_at(e['id'], e['port'], plant))
-        effects.append(filled(*at, {name: _number(f'effect {e["id"]}: {name}', p['value'])
-                                    for name, p in e['parameters'].items()}))
+        units = {p.name: at[0].unit(p, at[1]) for p in at[0].parameters}
+        effects.append(filled(*at, {
+            name: _quantity(f'effect {e["id"]}: {name}', p, units.get(name))
+            for name, p in e['parameters'].items()}))
         uncertainty |= {
             f'{k}:{name}': Uncertainty(std_error=None if spread == NOT_REACHED else spread)
             for name, p in e['parameters'].items() for spread in [p.get('std_error')]}
@@ -228,6 +238,19 @@ def _noise(raw: Mapping[str, Any], plant: Plant) -> Noise:
         raise ModelError('observer: measurement_noise, sensor_noise and innovation must be above '
                          '0, process_noise, start and follow at least 0, and all finite')
     return noise
+
+
+def _quantity(name: str, given: Mapping[str, Any], unit: str | None) -> float:
+    """Take the value of an entry, if its unit, where it has one, is the one that counts.
+
+    Args:
+        name: for messages.
+        given: the entry, with its value.
+        unit: that the value must be in; None where the name is unknown, which is refused later.
+    """
+    if unit is not None and str(given.get('unit') or unit) != unit:
+        raise ModelError(f'{name}: its unit must be {unit}, not {given["unit"]}')
+    return _number(name, given['value'])
 
 
 def _number(name: str, value: object) -> float:

@@ -58,9 +58,7 @@ class Analytical:
             sensors of the plant, (N, 1 + R).
         """
         sensors = self.plant.sensors if self.model.noise and self.model.noise.sensors else ()
-        missing = np.full(len(series), np.nan)
-        return np.column_stack([series.columns.get(signal.name, missing)
-                                for signal in (self.plant.output, *sensors)])
+        return series.stacked([signal.name for signal in (self.plant.output, *sensors)])
 
     def one_step(self, series: Series) -> FloatArray:
         """Predict each sample from measured outputs up to the one before; see `Predictor`."""

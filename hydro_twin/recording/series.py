@@ -1,7 +1,7 @@
 """What a recording is once it is read: uniform columns, in uninterrupted stretches."""
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -38,6 +38,14 @@ class Series:
     def __getitem__(self, signal: str) -> FloatArray:
         """Return the samples of one signal."""
         return self.columns[signal]
+
+    def stacked(self, names: Sequence[str]) -> FloatArray:
+        """Stack signals, (N, names); nan where the series has none of that name."""
+        stack = np.full((len(self), len(names)), np.nan)
+        for k, name in enumerate(names):
+            if name in self.columns:
+                stack[:, k] = self.columns[name]
+        return stack
 
     @property
     def stamps(self) -> IntArray:

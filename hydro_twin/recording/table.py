@@ -49,7 +49,7 @@ def read_table(path: Path, table_map: TableMap, after: int | None = None,
     entries = [*table_map.signals.values(), *([table_map.time] if table_map.time else [])]
     wanted = {name for entry in entries for name in entry.columns}
     table = _load(path, wanted | ({table_map.series} if table_map.series else set()),
-                  table_map.rows)
+                  table_map)
     count = max(map(len, table.values()))
     if any(len(column) not in (1, count) for column in table.values()):
         lengths = ', '.join(f'{name} {len(column)}' for name, column in table.items())
@@ -169,14 +169,15 @@ def _evened(stamps: IntArray) -> IntArray:
     return stamps[0] + line if even else stamps
 
 
-def _load(path: Path, wanted: set[str], rows: tuple[int, int | None]) -> dict[str, FloatArray]:
-    """Load some rows of the columns wanted of a table."""
+def _load(path: Path, wanted: set[str], table_map: TableMap) -> dict[str, FloatArray]:
+    """Load the rows of a map of the columns wanted of a table."""
     if not path.is_file():
         raise BagError(f'{path}: no such table')
     if not path.name.lower().endswith(SUFFIXES):
         raise BagError(f'{path}: a table is {", ".join(SUFFIXES)}')
-    load = _load_mat if path.suffix.lower() == '.mat' else _load_csv
-    return load(path, wanted, rows)
+    if path.suffix.lower() == '.mat':
+        return _load_mat(path, wanted, table_map.rows)
+    return _load_csv(path, wanted, table_map.rows, table_map.decimal)
 
 
 def _check_names(path: Path, wanted: set[str], there: list[str]) -> None:
@@ -203,7 +204,7 @@ def _opened(path: Path) -> Iterator[tuple[TextIO, list[str], str]]:
         yield file, [name.strip() for name in next(header, [])], delimiter
 
 
-def _load_csv(path: Path, wanted: set[str], rows: tuple[int, int | None],
+def _load_csv(path: Path, wanted: set[str], rows: tuple[int, int | None], decimal: str,
               ) -> dict[str, FloatArray]:
     """Load columns of a CSV file with one line of names; between them ',', ';' or a tab."""
     order = sorted(wanted)
@@ -216,8 +217,14 @@ def _load_csv(path: Path, wanted: set[str], rows: tuple[int, int | None],
                 log.warning('%s: the last row is cut short (%d of %d columns), and left out',
                             path, there, len(names))
                 lines.pop()
-    except (OSError, EOFError, UnicodeDecodeError) as error:
+    except UnicodeDecodeError as error:
+        raise BagError(f'{path} cannot be read: save it in UTF-8 ({error})') from None
+    except (OSError, EOFError) as error:
         raise BagError(f'{path} cannot be read: {error}') from None
+    if decimal == delimiter:
+        raise BagError(f'{path}: a comma separates its columns, so it cannot be in its numbers')
+    if decimal != '.':
+        lines = [line.replace(decimal, '.') for line in lines]
     if not lines:
         raise _too_short(path, rows)
     used = [names.index(name) for name in order]
@@ -240,6 +247,8 @@ def _bad_cell(lines: list[str], delimiter: str, names: Mapping[int, str], first:
                 float(cells[index])
             except ValueError:
                 said = repr(cells[index]) if cells[index].strip() else 'the cell is empty'
+                if delimiter != ',' and ',' in said:
+                    said += "; for a decimal comma give decimal: ',' in the map"
                 return f'column {name} is not a finite number in row {row}: {said}'
     return ''
 

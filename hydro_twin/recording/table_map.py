@@ -75,6 +75,7 @@ class TableMap:
             of the table.
         time_range: the times to read, both included [s].
         origin: where the data comes from; the bag will say so.
+        decimal: what separates the whole part of a number of a CSV file, '.' or ','.
     """
 
     plant: str
@@ -85,9 +86,11 @@ class TableMap:
     rows: tuple[int, int | None] = (1, None)
     time_range: tuple[float, float] = (-math.inf, math.inf)
     origin: str = ''
+    decimal: str = '.'
 
 
-KEYS = ('plant', 'signals', 'time', 'sample_rate', 'series', 'rows', 'time_range', 'origin')
+KEYS = ('plant', 'signals', 'time', 'sample_rate', 'series', 'rows', 'time_range', 'origin',
+        'decimal')
 
 
 def load_map(path: Path) -> TableMap:
@@ -113,6 +116,9 @@ def load_map(path: Path) -> TableMap:
     if time is not None and time.si_unit not in (None, 's'):
         raise UserError(f'{path}: time: {time.unit} is not a unit of time; there are '
                         f'{", ".join(unit for unit, (si, _) in UNITS.items() if si == "s")}')
+    decimal = document.get('decimal', '.')
+    if decimal not in ('.', ','):
+        raise UserError(f"{path}: decimal must be '.' or ',', not {decimal!r}")
     signals = {str(name): _column(given, f'{path}: signal {name}')
                for name, given in document['signals'].items()}
     return TableMap(
@@ -121,7 +127,7 @@ def load_map(path: Path) -> TableMap:
         series=str(document['series']) if 'series' in document else None,
         rows=_rows(document.get('rows', [1, None]), f'{path}: rows'),
         time_range=_time_range(document.get('time_range', [None, None]), f'{path}: time_range'),
-        origin=' '.join(str(document.get('origin', '')).split()))
+        origin=' '.join(str(document.get('origin', '')).split()), decimal=decimal)
 
 
 def _column(given: Any, what: str) -> Column:

@@ -12,6 +12,7 @@ from typing import Any, TYPE_CHECKING
 import numpy as np
 
 from hydro_twin.errors import BagError, DataError
+from hydro_twin.files import named_in_errors
 from hydro_twin.recording.bag import opened, read_signals, STAMP, STORAGES
 from hydro_twin.recording.cdr import IntArray, lay_out, Layout
 from hydro_twin.recording.series import Series, StampedSeries
@@ -138,7 +139,8 @@ def _new_bag(path: Path) -> Iterator[Writer]:
         raise BagError(f'{path}: there is no folder {path.parent}')
     single = path.suffix in STORAGES
     plugin = StoragePlugin.SQLITE3 if path.suffix == '.db3' else StoragePlugin.MCAP
-    with tempfile.TemporaryDirectory(prefix=f'.{path.name}.', dir=path.parent) as folder:
+    with (named_in_errors(path),
+          tempfile.TemporaryDirectory(prefix=f'.{path.name}.', dir=path.parent) as folder):
         bag = Path(folder) / (path.stem if single else path.name)
         with Writer(bag, version=9, storage_plugin=plugin) as writer:
             yield writer

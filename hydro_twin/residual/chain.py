@@ -105,7 +105,8 @@ def _memoryless_first(alternatives: Sequence[Alternative], base: Fit, context: C
     for rival in alternatives[1:]:
         enough = base.error**2 - rival.fit.error**2 > AS_MUCH * (
             base.error**2 - first.fit.error**2)
-        if rival.placed.effect.memory == 0 and enough:
+        static = rival.placed.effect.memory == 0 and not rival.placed.effect.dynamic
+        if static and enough:
             helps = proof(rival.fit, first.fit, context.held_out, context.seed)
             if not helps.low > 0.0:
                 return [rival, *(one for one in alternatives if one is not rival)]
@@ -144,8 +145,14 @@ def without_last(base: Fit, better: Fit, parts: Sequence[Part]) -> Fit:
 
 
 def likely(before: Fit, after: Fit, worth: float) -> bool:
-    """Whether an effect is significant and removes the least share of the training error."""
-    return gain_p_value(before, after, TRIED) < LEVEL and share(before, after) > worth
+    """Whether an effect is significant and removes the least share of the training error.
+
+    And lowers what the fits minimise: an error that is smaller only because the parameters have
+    left their usual values further is not the effect's doing. A delay can be fitted so, since
+    it takes the place of the timing.
+    """
+    return (after.cost < before.cost and gain_p_value(before, after, TRIED) < LEVEL
+            and share(before, after) > worth)
 
 
 def _proven(chain: Chain, without: Fit, context: Context) -> Chain:

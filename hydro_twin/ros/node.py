@@ -36,6 +36,7 @@ from hydro_twin.live.worker import Worker
 from hydro_twin.plants import plant_named
 from hydro_twin.recording.clock import check_live
 from hydro_twin.ros.announcer import Announcer
+from hydro_twin.ros.lifecycle import refuse_impossible_transitions
 from hydro_twin.ros.parameters import declare_parameters, objection, SignalParameters
 from hydro_twin.ros.topics import Topics
 
@@ -53,6 +54,7 @@ class TwinNode(LifecycleNode):
 
     def __init__(self) -> None:
         super().__init__('hydro_twin')
+        refuse_impossible_transitions(self)
         self.fault: Exception | None = None   # why the last transition failed
         self._live: Live | None = None
         self._diagnosis: Diagnosis | None = None
@@ -60,7 +62,8 @@ class TwinNode(LifecycleNode):
         self._chosen: list[Choice] = []
         self._mode = ''                       # as asked for
         self._swaps: deque[Twin] = deque()    # loaded, to take over at the next message
-        self._restore: str | None = None      # the value of `model` before it was refused
+        self._follow: list[str] = []          # as asked for
+        self._restore: dict[str, Any] = {}    # what runs, after something else was refused
         self._timer: Timer | None = None      # of an active node
         self._diagnosed = 0                   # when that was last done, by the node's clock [ns]
         self._starting = False                # by itself: who started it says what is wrong
@@ -152,7 +155,8 @@ class TwinNode(LifecycleNode):
         """Make everything that an active node needs."""
         self._chosen = self._choices()
         self._mode = self.get_parameter('mode').value
-        twins = self._load(self._chosen, self._mode)
+        self._follow = self.get_parameter('follow').value
+        twins = self._load(self._chosen, self._mode, self._follow)
         for twin in twins:
             same_inputs(twin, twins[0])
         predictor = twins[0].predictor
@@ -169,14 +173,13 @@ class TwinNode(LifecycleNode):
         self._diagnosis = Diagnosis(self._live, twins)
         self._announcer.info(twins)
 
-    def _load(self, chosen: Sequence[Choice], mode: str) -> list[Twin]:
+    def _load(self, chosen: Sequence[Choice], mode: str, follow: Sequence[str]) -> list[Twin]:
         """Load models, and say which of them cannot run in a mode.
 
         Raises:
             ModelError: one cannot be used.
         """
-        twins = [load_twin(choice, mode, self.get_parameter('follow').value)
-                 for choice in chosen]
+        twins = [load_twin(choice, mode, follow) for choice in chosen]
         for choice, twin in zip(chosen, twins, strict=True):
             if twin.mode != mode:
                 self.get_logger().warning(
@@ -266,9 +269,10 @@ class TwinNode(LifecycleNode):
         if self._live is not None and not stalled:
             self._live.tick(self.get_clock().now().nanoseconds)
             self._drain(self._live)
-        if self._restore is not None:
-            self.set_parameters([Parameter('model', value=self._restore)])
-            self._restore = None
+        if self._restore:
+            self.set_parameters([Parameter(name, value=value)
+                                 for name, value in self._restore.items()])
+            self._restore = {}
 
     # Requests
 
@@ -318,7 +322,7 @@ class TwinNode(LifecycleNode):
                 plant_named(value)
             except UserError as error:
                 return str(error)
-        if not self._outlets or self._restore is not None:
+        if not self._outlets or self._restore:
             return ''
         if name in ('models', 'plant') or name.startswith('signals.'):
             return f'{name} can be set before the node is configured: clean it up first'
@@ -335,7 +339,7 @@ class TwinNode(LifecycleNode):
             if values.keys() & {'model', 'models', 'plant'}:
                 self._declare_signals()
             return
-        if self._restore is not None:
+        if self._restore:
             return
         if 'wait' in values:
             self._live.aligner.bound_wait(values['wait'])
@@ -345,27 +349,27 @@ class TwinNode(LifecycleNode):
         if values.keys() & {'model', 'mode', 'follow'}:
             model = self._chosen[0].path if 'model' not in values else values['model']
             self._worker.do(partial(self._reload, Path(model).expanduser(),
-                                    self.get_parameter('mode').value, 'follow' in values))
+                                    *(self.get_parameter(n).value for n in ('mode', 'follow'))))
 
     # Off the hot path
 
-    def _reload(self, model: Path, mode: str, follow: bool) -> None:
+    def _reload(self, model: Path, mode: str, follow: list[str]) -> None:
         """Load what has changed to take over from what runs, or leave that running."""
         first, *others = self._chosen
-        everywhere = follow or mode != self._mode
+        everywhere = (mode, follow) != (self._mode, self._follow)
         chosen = [Choice(first.name, model), *others]
         diagnosis = self._diagnosis
         if diagnosis is None:
             return   # cleaned up meanwhile
         try:
-            twins = self._load(chosen if everywhere else chosen[:1], mode)
+            twins = self._load(chosen if everywhere else chosen[:1], mode, follow)
             same_inputs(twins[0], diagnosis.twins[0])
         except ModelError as error:
             self.get_logger().error(f'refused, the model before it still runs: {error}')
             self._announcer.event('refused', says=str(error))
-            self._restore = str(first.path)
+            self._restore = {'model': str(first.path), 'mode': self._mode, 'follow': self._follow}
             return
-        self._chosen, self._mode = chosen, mode
+        self._chosen, self._mode, self._follow = chosen, mode, follow
         self._swaps.extend(twins)
         running = {twin.name: twin for twin in [*diagnosis.twins, *twins]}
         self._diagnosis = Diagnosis(diagnosis.live, list(running.values()))

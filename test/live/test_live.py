@@ -17,7 +17,8 @@ from hydro_twin.live.outlet import Outlet
 from hydro_twin.live.reader import Reader
 from hydro_twin.live.twin import Twin
 from hydro_twin.live.writer import Writer
-from hydro_twin.model import Noise, Record, write_model
+from hydro_twin.model import Model, Noise, Record, write_model
+from hydro_twin.plants import PLANTS
 from hydro_twin.recording.cdr import CdrError
 from hydro_twin.recording.signals import SignalMap
 
@@ -311,6 +312,20 @@ def test_a_twin_that_diverges_is_reset_and_publishes_nothing() -> None:
     assert twin.divergences > 10
     assert echo.started == 1 + twin.divergences
     assert max(abs(read(payload)[1][0] or 0.0) for payload in sent) < 1e6
+
+
+@pytest.mark.parametrize('mode', ['observer', 'one_step', 'free_run'])
+def test_a_twin_recovers_from_a_sensor_that_is_wild_for_some_samples(mode: str) -> None:
+    """A run that was begun anew on such a sample has diverged before its first prediction."""
+    cylinder = PLANTS['cylinder']
+    made = Model(cylinder, {'tau': 0.05, 'K_v': 0.1}, 0.01, noise=Noise(
+        1e-5, {'q': 1e-4, 'x': 1e-4}, {'q': 0.1, 'x': 0.1}))
+    twin = Twin('', made.predictor(), mode)
+    for k in range(100):
+        measured = 1e12 if 50 <= k < 53 else 0.2
+        predicted = twin.step(k * 10_000_000, np.zeros(1), measured)
+        assert k < 50 or math.isnan(predicted) or abs(predicted) < 1e6
+    assert predicted == pytest.approx(0.2, abs=1e-3)
 
 
 def test_a_missing_measurement_leaves_no_residual() -> None:

@@ -37,6 +37,29 @@ def expected():
     return (-2 * np.where(k % 2, -1, 1) * 10 * k * 2 * np.pi / 60, k / 8 * 1e-3 + 0.5)
 
 
+def test_a_decimal_comma(tmp_path):
+    path = tmp_path / 'a.csv'
+    path.write_text(CSV.replace(',', ';').replace('.', ','))
+    assert '0,125' in path.read_text()
+    with pytest.raises(BagError, match=r"row 1: '0,0'; for a decimal comma give decimal: ','"):
+        read_table(path, table_map(tmp_path))
+    (series,) = read_table(path, table_map(tmp_path, MAP + "decimal: ','\n"))
+    for name, values in zip(('command', 'x'), expected(), strict=True):
+        np.testing.assert_allclose(series[name], values, rtol=1e-12)
+    path.write_text(CSV)
+    with pytest.raises(BagError, match='a comma separates its columns'):
+        read_table(path, table_map(tmp_path, MAP + "decimal: ','\n"))
+    with pytest.raises(UserError, match=r"decimal must be '.' or ',', not ';'"):
+        table_map(tmp_path, MAP + "decimal: ';'\n")
+
+
+def test_a_file_that_is_not_in_utf_8_says_so(tmp_path):
+    path = tmp_path / 'a.csv'
+    path.write_bytes(CSV.replace('note', 'Prüfer').encode('latin-1'))
+    with pytest.raises(BagError, match='cannot be read: save it in UTF-8'):
+        read_table(path, table_map(tmp_path))
+
+
 @pytest.mark.parametrize('form', ['comma', 'semicolon', 'gzip', 'mat', 'quoted'])
 def test_units_scale_and_product(tmp_path, form):
     path = tmp_path / {'gzip': 'a.csv.gz', 'mat': 'a.mat'}.get(form, 'a.csv')

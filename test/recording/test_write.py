@@ -1,3 +1,4 @@
+import errno
 from itertools import pairwise
 
 from bags_by_hand import rig, STORE, write_bag
@@ -177,3 +178,14 @@ def test_copy_holds_the_input_and_the_prediction_beside(tmp_path, storage):
     with pytest.raises(BagError, match='already has /twin/prediction'):
         add_to_copy(tmp_path / 'out', tmp_path / 'again', [series], {'T': prediction}, command)
     assert not (tmp_path / 'again').exists()
+
+
+def test_a_full_disk_is_an_error_of_the_bag(tmp_path, monkeypatch):
+    def full(*_):
+        raise OSError(errno.ENOSPC, 'No space left on device')
+
+    monkeypatch.setattr('rosbags.rosbag2.Writer.write', full)
+    with pytest.raises(OSError, match='No space left') as caught:
+        write_recording(tmp_path / 'bag', some_series(), signals())
+    assert caught.value.filename == str(tmp_path / 'bag')
+    assert not list(tmp_path.iterdir())

@@ -16,7 +16,7 @@ from hydro_twin.residual.criterion import criterion
 from hydro_twin.residual.findings import Finding
 from hydro_twin.residual.select import Alternative, search_all, simplest_first
 from hydro_twin.residual.trace import trace
-from hydro_twin.result import CLOSE
+from hydro_twin.result import CLOSE, Improvement
 
 DELAY = ('delay', 'command', {'time': 0.004})
 LAG = ('lag', 'command', {'time_constant': 0.004})
@@ -42,6 +42,22 @@ def test_a_lag_or_a_friction_that_is_best_stays_first():
     for best in (LAG, FRICTION):
         given = [alternative(*effect) for effect in (best, MODE, DELAY)]
         assert simplest_first(given, (0.0, 1.0, 2.0)) == given
+
+
+@pytest.mark.parametrize(('rival', 'first'), [
+    (DELAY, 'hysteresis'), (('dead_zone', 'command', {'width': 0.1}), 'dead_zone')])
+def test_a_delay_is_no_static_law_in_the_place_of_a_hysteresis(monkeypatch, rival, first):
+    monkeypatch.setattr(chain, 'proof', lambda *_: Improvement(0.0, -0.1, 0.1))
+
+    def left(error, *effect):
+        placed = place(*effect, PLANT)
+        return Alternative(SimpleNamespace(
+            error=error, candidate=SimpleNamespace(effects=(placed,))))
+
+    given = [left(0.5, 'hysteresis', 'command', {'width': 0.1}), left(0.51, *rival)]
+    context = SimpleNamespace(held_out=None, seed=0)
+    ordered = chain._memoryless_first(given, SimpleNamespace(error=1.0), context)
+    assert ordered[0].id == first
 
 
 def test_linear_dynamics_that_are_alike_are_no_doubt_that_they_are_missing():

@@ -12,7 +12,7 @@ from traced_rig import fitted, PLANT, record
 from hydro_twin.fitting.output_error import residuals
 from hydro_twin.model import place
 from hydro_twin.recording.series import Recording
-from hydro_twin.residual.chain import _exchange, _proven, supported
+from hydro_twin.residual.chain import _exchange, _proven, likely, supported
 from hydro_twin.residual.context import Context
 from hydro_twin.residual.criterion import by_part, likelihood_gain
 from hydro_twin.residual.findings import Chain, explained_share, Finding
@@ -84,6 +84,15 @@ def test_data_that_were_not_fitted_are_likelier_with_what_is_there(grown):
     assert likelihood_gain(before, after) == pytest.approx(n * np.log(ratio), rel=0.05)
     assert likelihood_gain(after, after) == 0.0
     assert likelihood_gain(by_part(chain.fit), by_part(alone)) < 0.0
+
+
+def test_an_error_that_unusual_parameters_pay_for_is_no_gain_of_an_effect(grown):
+    """A delay of nothing gained so, on a plant whose lag is outside its search box."""
+    chain, alone, _ = grown(FRICTION, BIAS)
+    assert likely(alone, chain.fit, 0.01)
+    gain = float(alone.residual @ alone.residual - chain.fit.residual @ chain.fit.residual)
+    for paid, so in ((0.9, True), (1.1, False)):
+        assert likely(alone, replace(chain.fit, pulled=alone.pulled + paid * gain), 0.01) == so
 
 
 @pytest.mark.slow

@@ -16,7 +16,8 @@ import pytest
 
 pytest.importorskip('rclpy')
 
-from lifecycle_msgs.srv import ChangeState, GetState  # noqa: E402,I100
+from lifecycle_msgs.msg import Transition  # noqa: E402,I100
+from lifecycle_msgs.srv import ChangeState, GetState  # noqa: E402
 from rcl_interfaces.srv import GetParameters, SetParameters  # noqa: E402
 from rclpy.parameter import Parameter  # noqa: E402
 from ros_rig import (  # noqa: E402
@@ -220,6 +221,9 @@ def test_the_node_obeys_a_lifecycle_manager_and_resets(rig: Rig, model: Path, ba
 
     with twin(model=model.with_name('absent.yaml'), autostart=False, **lossless()):
         assert state() == 'unconfigured'
+        for none in (Transition.TRANSITION_ACTIVATE, 99):     # by id, as managers ask
+            request = ChangeState.Request(transition=Transition(id=none))
+            assert not rig.call(ChangeState, '/hydro_twin/change_state', request).success
         assert not change('configure')
         assert state() == 'unconfigured'
         assert set_parameter(rig, 'model', str(model)).successful

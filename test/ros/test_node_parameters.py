@@ -14,7 +14,7 @@ from rclpy.parameter import Parameter  # noqa: E402,I100
 from ros_rig import own_domain  # noqa: E402
 
 from hydro_twin.errors import UserError  # noqa: E402
-from hydro_twin.model import Model, write_model  # noqa: E402
+from hydro_twin.model import Model, Noise, write_model  # noqa: E402
 from hydro_twin.plants import plant_named  # noqa: E402
 from hydro_twin.ros.node import TwinNode  # noqa: E402
 
@@ -66,6 +66,23 @@ def test_signals_can_be_set_before_the_node_is_configured(model: Path) -> None:
         assert set_(node, 'model', str(other)).successful
         assert set_(node, 'signals.x.topic', '/my/piston').successful
         assert not node.has_parameter('signals.u_m.topic')
+
+
+def test_what_is_refused_once_it_is_loaded_goes_back_to_what_runs(tmp_path: Path) -> None:
+    """Else every later model would be refused for it, too."""
+    plant = plant_named('cylinder')
+    path = tmp_path / 'model.yaml'
+    write_model(Model(plant, plant.middle(), plant.sample_time, noise=Noise(
+        1e-5, {'q': 1e-4, 'x': 1e-4}, {'q': 0.1, 'x': 0.1})), path)
+    with running('-p', f'model:={path}', '-p', 'follow:=[tau]') as node:
+        node.start()
+        node._worker.stop()     # which loads by itself
+        for value in (['Kv'], ['tau', 'K_v']):
+            assert set_(node, 'follow', value).successful
+            node._reload(path, 'observer', value)
+            node._on_tick()
+            assert node.get_parameter('follow').value == (['tau'] if 'Kv' in value else value)
+            assert node.get_parameter('mode').value == 'observer'
 
 
 def test_signals_of_no_plant_say_what_to_set_first() -> None:
