@@ -86,26 +86,27 @@ def advance(step, tangent, x, z, work, rows, g, inputs, k):  # type: ignore[no-u
     X, Z, U0, U1, D0, D1, L, A, Z_next, spare = rows
     n, m, K, W = len(x), len(step.shift), len(step.effects), len(z)
     width, P = M.shape[1], H.shape[1] - n - m
-    kept, at = W - K, n + 2 * m
-    known, linear, ahead = work[0, :at], work[2, :n], work[3, :n]
-    begin, end = known[n:n + m], known[n + m:]
+    begin, end, linear, ahead = work[0, :m], work[1, :m], work[2, :n], work[3, :n]
     d0, d1, z_next, s = work[4, :P], work[5, :P], work[6, :W], work[7]
     h = step.sample_time / step.substeps
+    kept, at = W - K, n + 2 * m
     for part in range(step.substeps):
         inputs_over(step, part, inputs, k, begin, end)
         if tangent.shifts:
             input_rows(step, tangent, part, inputs, k, U0, U1)
         for i in range(n):
-            known[i] = x[i]
-        for i in range(n):
             value = 0.0
-            for j in range(at):
-                value += M[i, j] * known[j]
+            for j in range(n):
+                value += M[i, j] * x[j]
+            for j in range(m):
+                value += M[i, n + j] * begin[j] + M[i, n + m + j] * end[j]
             linear[i] = value
             clear(L, i)
             weigh(L, i, M[i], X, 0, n)
             if tangent.moving:
-                weigh(L, i, known, dM, i * width, at)
+                weigh(L, i, x, dM, i * width, n)
+                weigh(L, i, begin, dM, i * width + n, m)
+                weigh(L, i, end, dM, i * width + n + m, m)
             if tangent.shifts:
                 weigh(L, i, M[i, n:], U0, 0, m)
                 weigh(L, i, M[i, n + m:], U1, 0, m)

@@ -97,7 +97,7 @@ class System:
     def work(self) -> FloatArray:
         """Allocate the scratch of the kernel."""
         n, m = self.laws.B.shape
-        return np.zeros((8, max(n + 2 * m, len(self.plant.ports), self.memory)))
+        return np.zeros((8, max(n, m, len(self.plant.ports), self.memory, 2)))
 
     def start(self, inputs: FloatArray, output: float) -> FloatArray:
         """Return the state at rest, shape (n,), that gives this output under these inputs (m,).

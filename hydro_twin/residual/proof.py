@@ -10,9 +10,9 @@ from hydro_twin.fitting.output_error import fitted_residuals
 from hydro_twin.fitting.parts import Part
 from hydro_twin.plants.plant import FloatArray
 from hydro_twin.predictors.kernel import LIMIT
-from hydro_twin.residual.bootstrap import block_length
 from hydro_twin.result import Improvement
 
+BLOCK = 50              # samples, longer than the memory of the plants' errors
 DRAWS = 2000
 
 
@@ -21,15 +21,15 @@ def improvement(before: Sequence[FloatArray], after: Sequence[FloatArray], seed:
     """Compare two sets of residuals on the same samples, stretch by stretch.
 
     Blocks of samples are drawn with replacement, both residuals together, so that the interval
-    allows for their memory and for their likeness [Kuensch 1989]. They are as long as the memory
-    of the difference of the squares asks for. A run that diverged counts as
+    allows for their memory and for their likeness [Kuensch 1989]. A run that diverged counts as
     an error of `LIMIT` from there on.
     """
-    squares = [np.stack([_bounded(a), _bounded(b)]) ** 2
-               for a, b in zip(before, after, strict=True)]
-    length = block_length([a - b for a, b in squares])
-    sums = np.array([one[:, begin:begin + length].sum(axis=1) for one in squares
-                     for begin in range(0, one.shape[1], length)])
+    pairs = []
+    for a, b in zip(map(_bounded, before), map(_bounded, after), strict=True):
+        for begin in range(0, len(a), BLOCK):
+            pairs.append((float(np.sum(a[begin:begin + BLOCK] ** 2)),
+                          float(np.sum(b[begin:begin + BLOCK] ** 2))))
+    sums = np.array(pairs)
     rng = np.random.default_rng(seed)
     drawn = sums[rng.integers(0, len(sums), (DRAWS, len(sums)))].sum(axis=1)
     low, high = np.quantile(1.0 - drawn[:, 1] / np.maximum(drawn[:, 0], 1e-300), [0.01, 0.99])

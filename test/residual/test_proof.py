@@ -11,7 +11,6 @@ from hydro_twin.model import Model
 from hydro_twin.plants import plant_named
 from hydro_twin.predictors.scores import rms
 from hydro_twin.recording.series import Recording
-from hydro_twin.residual.bootstrap import block_length
 from hydro_twin.residual.proof import improvement, residuals
 from hydro_twin.simulation.simulate import simulate
 
@@ -44,35 +43,6 @@ def test_another_draw_of_the_same_noise_is_no_improvement():
     false = sum(improvement([rng.standard_normal(1000)], [rng.standard_normal(1000)], seed).low > 0
                 for seed in range(200))
     assert false <= 8                       # 1 % by design
-
-
-def slow(rng, memory, n):
-    """Noise of unit power with so long a memory [samples]."""
-    share = np.exp(-1.0 / memory)
-    return lfilter([np.sqrt(1 - share**2)], [1, -share],
-                   rng.standard_normal(n + 5 * memory))[-n:]
-
-
-def test_another_model_that_is_as_wrong_for_long_is_seldom_an_improvement():
-    """Its errors last a tenth of the recording: 50 samples a block would say so in a fifth."""
-    rng, false = np.random.default_rng(1), 0
-    for seed in range(100):
-        common, one, other = (slow(rng, 500, 5000) for _ in range(3))
-        white = 0.5 * rng.standard_normal(5000)
-        false += improvement([white + common + 0.4 * one], [white + common + 0.4 * other],
-                             seed).low > 0
-    assert false <= 12                      # 1 % by design, less what few blocks cost
-
-
-@pytest.mark.parametrize('memory', [3, 20])
-def test_blocks_are_as_long_as_the_best_of_a_process_of_first_order(memory):
-    """(3/2 (2 rho / (1 - rho^2))^2 N)^(1/3), the closed form for that process."""
-    rng, n, rho = np.random.default_rng(2), 20_000, np.exp(-1.0 / memory)
-    found = [block_length([slow(rng, memory, n // 2), slow(rng, memory, n // 2)])
-             for _ in range(15)]
-    best = (1.5 * (2 * rho / (1 - rho**2))**2 * n)**(1 / 3)
-    assert np.median(found) == pytest.approx(best, rel=0.2)
-    assert np.median([block_length([rng.standard_normal(n)]) for _ in range(15)]) <= 10
 
 
 def test_nothing_changed_is_zero():
