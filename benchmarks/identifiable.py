@@ -9,7 +9,7 @@ efficient fit (Cramer and Rao); a dash stands for one that no such recording det
 """
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
 from itertools import combinations
 
@@ -95,15 +95,18 @@ def table(plant: Plant, values: Mapping[str, float], sets: Sequence[tuple[str, .
     return '\n'.join(lines)
 
 
+def with_sensors() -> Iterator[tuple[Plant, dict[str, float], Sequence[tuple[str, ...]]]]:
+    """Yield each plant with sensors, the middle of its box, and the sets of sensors to show."""
+    for plant in PLANTS.values():
+        every = [sensor.name for sensor in plant.sensors]
+        if every:
+            yield plant, {**plant.constant_values(), **plant.middle()}, SHOWN.get(plant.name) or [
+                some for count in range(len(every) + 1) for some in combinations(every, count)]
+
+
 def main() -> None:
     """Print a table for each plant with sensors, and one of the load simulator without D_m."""
-    for plant in PLANTS.values():
-        if not plant.sensors:
-            continue
-        values = {**plant.constant_values(), **plant.middle()}
-        every = [sensor.name for sensor in plant.sensors]
-        sets = SHOWN.get(plant.name) or [
-            some for count in range(len(every) + 1) for some in combinations(every, count)]
+    for plant, values, sets in with_sensors():
         print(f'\n{table(plant, values, sets)}')
     plant = PLANTS['load_simulator']
     unsure = replace(plant, parameters=(*plant.parameters, D_M), constants=())

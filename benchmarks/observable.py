@@ -11,15 +11,14 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
-from itertools import combinations
 import math
 
 import numpy as np
 
-from benchmarks.identifiable import NOISE, recorded, SHOWN
+from benchmarks.identifiable import NOISE, recorded, with_sensors
 from hydro_twin.fitting.noise import states
 from hydro_twin.model import Model, Noise
-from hydro_twin.plants import Plant, PLANTS
+from hydro_twin.plants import Plant
 from hydro_twin.plants.plant import FloatArray
 from hydro_twin.predictors.analytical import Analytical
 from hydro_twin.recording.series import Series
@@ -50,13 +49,7 @@ def deviations(plant: Plant, values: Mapping[str, float], sensors: Sequence[str]
 
 def main() -> None:
     """Print a table for each plant with sensors: states in rows, what is measured in columns."""
-    for plant in PLANTS.values():
-        if not plant.sensors:
-            continue
-        values = {**plant.constant_values(), **plant.middle()}
-        every = [sensor.name for sensor in plant.sensors]
-        sets = SHOWN.get(plant.name) or [
-            some for count in range(len(every) + 1) for some in combinations(every, count)]
+    for plant, values, sets in with_sensors():
         heads = [plant.output.name, *(f'+ {", ".join(some)}' for some in sets if some)]
         columns = [deviations(plant, values, some) for some in sets]
         print(f'\n| {plant.name} | {" | ".join(heads)} |\n|---|{"---|" * len(heads)}')
