@@ -309,7 +309,8 @@ def test_the_player_takes_ros_arguments(rig: Rig, bag: Path) -> None:
 def test_interrupted_while_it_starts_it_ends_quietly(model: Path, seconds: float) -> None:
     """Not timed: wherever it is by then, on whatever machine, it ends quietly."""
     with subprocess.Popen([sys.executable, '-m', 'hydro_twin.commands.main', 'node', '--ros-args',
-                           '-p', f'model:={model}'], stderr=subprocess.PIPE, text=True) as node:
+                           '-p', f'model:={model}'], stderr=subprocess.PIPE, text=True
+                          ) as node, ended(node):
         time.sleep(seconds)
         node.send_signal(signal.SIGINT)
         _, err = node.communicate(timeout=PATIENCE)
