@@ -2,6 +2,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from functools import cache
 import hashlib
 import importlib.util
 import os
@@ -47,6 +48,12 @@ def cache_folder() -> Path:
 CACHE = cache_folder()
 
 
+@cache
+def _digest(path: Path) -> bytes:
+    """Digest a file, once for all functions in it."""
+    return hashlib.sha256(path.read_bytes()).digest()
+
+
 class SameSources:
     """Where numba keeps a compiled function: one place for all copies of the same sources.
 
@@ -72,7 +79,7 @@ class SameSources:
 
     def get_source_stamp(self) -> bytes:
         """Return what changes with the source."""
-        return hashlib.sha256(self.path.read_bytes()).digest()
+        return _digest(self.path)
 
     def get_disambiguator(self) -> str:
         """Return what tells functions of the same name in files of the same name apart."""

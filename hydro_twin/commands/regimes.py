@@ -9,12 +9,11 @@ from typing import Any, TYPE_CHECKING
 from hydro_twin.commands.common import add_config_argument
 from hydro_twin.commands.verb import Verb
 from hydro_twin.errors import UserError
+from hydro_twin.live.settings import MODES
 from hydro_twin.progress import progress
 
 if TYPE_CHECKING:
     from rich.console import Console
-
-MODES = ('one_step', 'free_run', 'observer')
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:

@@ -5,8 +5,6 @@ So it can show that the newer model holds in a regime, but not that it is worse 
 """
 from __future__ import annotations
 
-import numpy as np
-
 from hydro_twin.errors import ModelError
 from hydro_twin.keep.duel import Duel, Rules
 from hydro_twin.keep.regime_bets import Regimes
@@ -45,7 +43,7 @@ def compare(champion: Twin, challenger: Twin, fitted: Recording, earlier: Record
     duel = Duel(champion, challenger, Rules(), regimes)
     for series in earlier.series:
         duel.restart()
-        inputs = np.column_stack([series[signal.name] for signal in plant.inputs])
+        inputs = series.stacked([signal.name for signal in plant.inputs])
         sensors = series.stacked([sensor.name for sensor in plant.sensors])
         for stamp, row, output, beside in zip(series.stamps.tolist(), inputs,
                                               series[plant.output.name].tolist(), sensors,

@@ -59,7 +59,7 @@ class Known:
 
 
 def measured(plant: Plant) -> tuple[Signal, ...]:
-    """List the signals that a regime is told by: the output, and inputs that are no commands."""
+    """List the signals that define a regime: the output, and inputs that are no commands."""
     return (plant.output, *(signal for signal in plant.inputs if not signal.held))
 
 

@@ -38,7 +38,8 @@ class Aligner:
         """Align signals on a grid; times in s; `sensors` as the plant has them, None of no use."""
         self.tracks = tracks
         self.sensors = np.full(len(sensors), np.nan)
-        self._sensors = [(k, sensor) for k, sensor in enumerate(sensors) if sensor is not None]
+        self._declared = [(k, sensor) for k, sensor in enumerate(sensors) if sensor is not None]
+        self.attend()
         self.inputs = np.zeros(sum(track.needed for track in tracks))
         self.measured = math.nan
         self.stamp = -1
@@ -57,13 +58,24 @@ class Aligner:
         self._silence = 0              # time since it came
         self._leap: tuple[int, int] | None = None   # stamps before and after a pause of all
 
+    def attend(self) -> None:
+        """Read from now on the sensors that have sent something, or are awaited.
+
+        The others are nan. To ask each of them at every sample would delay the predictions.
+        """
+        self._sensors = [(k, sensor) for k, sensor in self._declared
+                         if sensor.awaited or sensor.samples]
+
     def push(self, track: Track, stamp: int, value: float) -> None:
         """Take in a sample of a signal; stamp in ns."""
         if isinstance(track, Sensor):
             if track.newest - stamp > JUMP:
                 track.clear()           # the others tell whether it is time that has jumped
+            first = track.samples == 0
             if track.take(stamp, value):
                 track.late += track.counts_until(stamp) <= self.stamp
+            if first:
+                self.attend()
             return
         if track.newest - stamp > JUMP:
             self.restart(stamp)

@@ -79,6 +79,7 @@ class Live:
             if feed.optional:
                 for track in feed.tracks:
                     track.awaited = publishers.get(feed.topic, 0) > 0
+        self.aligner.attend()
 
     def take(self, feed: Feed, payload: bytes, now: Callable[[], int]) -> None:
         """Take in one message; its time is its stamp or, if it has none, that of its arrival.

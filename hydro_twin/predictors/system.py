@@ -63,7 +63,8 @@ class System:
 
     def at(self, stamp: int | None) -> System:
         """Return the system that holds at a stamp [ns]; None stands for now."""
-        return self.stages[self.stage_at(stamp)] if self.earlier else self
+        stage = self.stage_at(stamp)
+        return self.earlier[stage][1] if stage < len(self.earlier) else self
 
     def stage_at(self, stamp: int | None) -> int:
         """Return the index of the stage that holds at a stamp [ns]; None stands for now."""
