@@ -19,6 +19,7 @@ from hydro_twin.blas import ENVIRONMENT
 from hydro_twin.commands.registry import verb_named, verbs
 from hydro_twin.commands.verb import Command, RosVerb, Verb
 from hydro_twin.errors import UserError
+from hydro_twin.stopping import listen
 
 PROG = 'hydro-twin'
 ROS = "source ROS 2 Jazzy, or install 'hydro_twin[ros]'"
@@ -75,6 +76,7 @@ def _run(argv: list[str], verb: Command | None) -> int:
     """Run a verb; where there is none, say which there are."""
     if isinstance(verb, RosVerb):
         if not {'-h', '--help'} & set(argv[1:]):
+            listen()
             return verb.main(argv[1:])
         print(f'usage: {PROG} {verb.name} [--ros-args [-p NAME:=VALUE] [--params-file FILE] ...]'
               f'\n\n{verb.summary}\n\n{verb.help()}')

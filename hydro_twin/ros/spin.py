@@ -2,7 +2,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-import signal
 import sys
 
 import rclpy
@@ -13,6 +12,7 @@ from rclpy.signals import SignalHandlerOptions
 
 from hydro_twin.errors import UserError
 from hydro_twin.ros.node import TwinNode
+from hydro_twin.stopping import listen, requested
 
 SWITCH = 5e-4    # for how long the other thread may keep a message waiting [s]
 
@@ -51,16 +51,8 @@ def run[N: Node](make: Callable[[], N], start: Callable[[N], object],
     Raises:
         UserError: the parameters do not allow it.
     """
-    stopped = False
-
-    def stop(*_: object) -> None:
-        nonlocal stopped
-        stopped = True
-
-    # An exception in a callback would abort the EventsExecutor, so no signal may raise one; and
     # rclpy's own handlers would end the context while the node still starts.
-    for number in (signal.SIGINT, signal.SIGTERM):
-        signal.signal(number, stop)
+    listen()
     try:
         rclpy.init(args=None if arguments is None else [sys.argv[0], *arguments],
                    signal_handler_options=SignalHandlerOptions.NO)
@@ -74,7 +66,7 @@ def run[N: Node](make: Callable[[], N], start: Callable[[N], object],
         executor = make_executor()
         executor.add_node(node)
         # spin() of some EventsExecutors hangs under full load; spin_once() does not.
-        while not stopped:
+        while not requested():
             executor.spin_once(timeout_sec=0.2)
     finally:
         node.destroy_node()

@@ -322,6 +322,31 @@ def test_interrupted_while_it_starts_it_ends_quietly(model: Path, seconds: float
         assert err == 'hydro-twin node: interrupted\n'
 
 
+INTERRUPTED_IN_A_CALLBACK = """
+import os, signal, sys, weakref
+
+class Interrupting:
+    def find_spec(self, name, path=None, target=None):
+        if name == 'rclpy':
+            sys.meta_path.remove(self)
+            lost = set()
+            self.reference = weakref.ref(lost, lambda _: os.kill(os.getpid(), signal.SIGINT))
+
+sys.meta_path.insert(0, Interrupting())
+from hydro_twin.commands.main import main
+sys.exit(main(sys.argv[1:]))
+"""
+
+
+def test_an_interrupt_is_not_lost_in_a_callback_of_an_import(model: Path) -> None:
+    """Python ignores what is raised there: the node has to remember the signal."""
+    done = subprocess.run(
+        [sys.executable, '-c', INTERRUPTED_IN_A_CALLBACK, 'node', '--ros-args', '-p',
+         f'model:={model}'], capture_output=True, text=True, timeout=PATIENCE, check=False)
+    assert done.returncode == 0
+    assert 'ignored' not in done.stderr
+
+
 @pytest.mark.parametrize(('arguments', 'named'), [
     (['-p', 'model:=absent.yaml'], 'absent.yaml'),
     (['-p', 'mode:=two_step'], 'two_step'),
