@@ -25,10 +25,12 @@ ENOUGH = 3000           # samples: they determine a standard deviation to 1.3 %
 LEAST, MOST = 0.01, 1e4
 # Where the search looks for its start: measurement noises, in shares of that of second
 # differences, and ratios of process noise. Downhill from too little it leaps to far too much.
-SHARES, RATIOS = (0.1, 1.0), (0.1, 1.0, 10.0, 100.0)
+SHARES, RATIOS = (0.1, 1.0), (LEAST, 0.1, 1.0, 10.0, 100.0)
 STARTS = 3              # best points that a search with sensors starts from: the best may mislead
 SPAN = 10.0             # of the measurement noise, either way, in logarithms
-NAT = 1e-2              # of the likelihood, by which a step of the search must still gain
+# Of the likelihood, by which a step of the search must still gain [nat]. The first steps are badly
+# scaled, and gain little: with a hundredth the search stopped there, ten nats from the optimum.
+NAT = 1e-4
 PARTS = 1e-4            # step of its differences, in logarithms
 QUIETEST = 1e-9         # of a typical large output, or of the movement of a sensor: least noise
 DEAF = 1e6              # movements of a sensor: with so much noise it moves no estimate

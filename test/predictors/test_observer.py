@@ -236,6 +236,28 @@ def test_where_the_model_is_right_only_the_noise_is_left(rig):
     assert missed['observer'] < min(missed['one_step'], 1.01 * missed['free_run'])
 
 
+@pytest.mark.parametrize('seed', range(3))
+def test_no_noise_of_the_process_is_found_where_none_explains_the_measurement_better(seed):
+    rng = np.random.default_rng(seed)
+    command, shaft = excited(rng)
+    series = simulate(LOAD, values_of(LOAD), [], {'u_m': command, 'theta_d': shaft}, 3.0)
+    series.columns['T_g'][:] += 0.6 * rng.standard_normal(len(series))
+    model = model_of(LOAD)
+    found = estimate_noise(model, [series])
+
+    def loss(noise):
+        predictor = Analytical(replace(model, noise=noise))
+        observed, _ = Observer(predictor.system, noise).run(
+            predictor.inputs(series), series['T_g'][:, None])
+        left, variance = series['T_g'][1:] - observed[1:, 0], observed[1:, 1]
+        return 0.5 * np.sum(np.log(variance) + left ** 2 / variance)
+
+    measurement = [0.98, 1.0, 1.02]
+    without = min(loss(replace(found, measurement=share * found.measurement, process={
+        state: 1e-3 * value for state, value in found.process.items()})) for share in measurement)
+    assert loss(found) < without + 0.1
+
+
 def test_where_the_model_is_wrong_it_beats_both_other_modes():
     rng = np.random.default_rng(2)
     command, shaft = excited(rng)
