@@ -3,10 +3,12 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
+from difflib import get_close_matches
 import logging
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from hydro_twin.errors import UserError
 from hydro_twin.progress import Progress, silent
 from hydro_twin.recording.bag import read_signals
 from hydro_twin.recording.clock import Clock, clock_of, slowest
@@ -20,6 +22,9 @@ if TYPE_CHECKING:
     from hydro_twin.plants import Plant
 
 log = logging.getLogger(__name__)
+
+READ = ('plant', 'sample_time', 'follow', 'signals', 'constants')   # of a configuration
+ALIKE = 0.85    # share of letters from which another name is one of these, misspelt
 
 
 @dataclass(frozen=True)
@@ -59,6 +64,9 @@ def rig_of(plant: Plant, config: Path | None = None, constants: dict[str, float]
     found = load_signals(plant.name, needed, config, [sensor.name for sensor in plant.sensors])
     sensors = {name: found.pop(name) for name in [*found] if name not in needed}
     given = load_parameters(config) if config else {}
+    for name in {key.split('.')[0] for key in given} - set(READ):
+        if meant := get_close_matches(name, READ, 1, ALIKE):    # others are of other nodes
+            raise UserError(f'{config}: no parameter {name!r}; is {meant[0]!r} meant?')
     clock = clock_of(plant, given, str(config), model.sample_time if model else None)
     values = plant.constant_values(load_constants(plant.name, config) | (constants or {}))
     return Rig(plant, values, found, clock, sensors, tuple(given.get('follow') or ()))
