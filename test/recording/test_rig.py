@@ -1,0 +1,23 @@
+"""What a configuration may say of a rig."""
+import pytest
+
+from hydro_twin.errors import UserError
+from hydro_twin.plants import PLANTS
+from hydro_twin.recording.rig import rig_of
+
+
+@pytest.mark.parametrize(('line', 'meant'), [
+    ('sampletime: 0.004', 'sample_time'), ('constant: {D_m: 2.0e-5}', 'constants'),
+    ('signal: {u_m: {scale: 2.0}}', 'signals'), ('folow: [B_m]', 'follow')])
+def test_a_misspelt_parameter_is_not_ignored(tmp_path, line, meant):
+    config = tmp_path / 'rig.yaml'
+    config.write_text(f'/**: {{ros__parameters: {{{line}}}}}')
+    with pytest.raises(UserError, match=f"no parameter '.*'; is '{meant}' meant"):
+        rig_of(PLANTS['load_simulator'], config)
+
+
+def test_parameters_of_other_nodes_are_left_to_them(tmp_path):
+    config = tmp_path / 'rig.yaml'
+    config.write_text('driver: {ros__parameters: {rate: 500, topics: [a], plant_name: rig}}\n'
+                      '/**: {ros__parameters: {mode: observer, sample_time: 0.004}}')
+    assert rig_of(PLANTS['load_simulator'], config).clock.given == pytest.approx(0.004)
