@@ -28,6 +28,7 @@ def run(tmp_path: Path) -> Run:
     return run_in
 
 
+@pytest.mark.slow
 def test_a_copy_of_the_same_sources_loads_what_another_compiled(run: Run) -> None:
     assert 'data saved' in run('checkout')
     again = run('workspace')
@@ -35,6 +36,7 @@ def test_a_copy_of_the_same_sources_loads_what_another_compiled(run: Run) -> Non
     assert again.splitlines()[-1] == '-2'
 
 
+@pytest.mark.slow
 def test_a_source_that_another_calls_makes_it_compile_anew(run: Run, tmp_path: Path) -> None:
     assert 'data saved' in run('checkout')
     called = tmp_path / 'checkout' / 'hydro_twin' / 'effects' / 'bias.py'

@@ -87,6 +87,7 @@ def test_an_effect_of_a_package_is_compiled_and_comes_to_rest(installed):
     assert float(done.stdout) == pytest.approx(PRESSURE, rel=1e-6)
 
 
+@pytest.mark.slow
 def test_the_signals_of_a_plant_of_a_package_are_where_the_package_says(installed, tmp_path):
     """Without a file of ours: also where a file of the user's says it."""
     code = """

@@ -105,6 +105,7 @@ def test_a_broken_bag_says_so_in_its_row_and_the_rest_is_there(bags, by_threads)
     assert said[-1].startswith('4 of 4 done')
 
 
+@pytest.mark.slow
 def test_two_threads_with_the_same_bag_do_not_mind(bags, tmp_path):
     path = manifest(bags, [f'{name},{PLANT},bag_0,2026' for name in 'ab'], 'twice.csv')
     with ThreadPoolExecutor(2) as executor:

@@ -71,6 +71,7 @@ def test_false_alarms_of_the_bare_bet_under_a_skewed_null(alpha):
     assert false / 600 <= alpha + 3 * math.sqrt(alpha * (1 - alpha) / 600)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize('seconds', [0.0, 0.02, 0.2])
 def test_equal_models_are_rarely_promoted_coloured_too(seconds):
     """Residuals of two equal models that share half of their variance, looked at all the time."""

@@ -149,6 +149,7 @@ def by_chance(runs: int) -> float:
     return 0.05 * runs + 3.0 * math.sqrt(0.05 * 0.95 * runs)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize('memory', [0.0, 0.2])
 def test_on_an_unchanged_rig_a_regime_is_rarely_called_worse(memory: float) -> None:
     rng = np.random.default_rng(2)
@@ -158,6 +159,7 @@ def test_on_an_unchanged_rig_a_regime_is_rarely_called_worse(memory: float) -> N
     assert judged(rng, memory, 4.0)[0]
 
 
+@pytest.mark.slow
 def test_one_that_does_not_hold_is_rarely_taken_to_hold() -> None:
     rng = np.random.default_rng(3)
     false = sum(judged(rng, 0.0, RISE ** 2)[1] for _ in range(100))
@@ -177,6 +179,7 @@ def test_a_model_that_diverges_in_a_regime_is_worse_there(moved: Series) -> None
     assert regimes.compared(name) == 'it diverges'
 
 
+@pytest.mark.slow
 def test_the_verb_compares_on_recordings_that_the_challenger_was_not_made_from(
         tmp_path: Path, moved: Series, capsys: pytest.CaptureFixture[str]) -> None:
     write_recording(tmp_path / 'new', [rig([0.1])], SIGNALS)

@@ -268,6 +268,7 @@ def test_of_a_fault_older_than_the_samples_the_last_are_taken(monkeypatch) -> No
     assert (len(inputs), measured[-1], first, last) == (SPAN, 2 * KEPT - 1, 0, 0)
 
 
+@pytest.mark.slow
 def test_event_and_diagnostics_carry_where_the_fault_enters(monkeypatch) -> None:
     """A sound rig, then one that rubs, through the live twin as the node steps and judges it."""
     announcer = pytest.importorskip('hydro_twin.ros.announcer')

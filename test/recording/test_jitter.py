@@ -53,6 +53,7 @@ def test_losses_all_along_leave_the_line(share):
     assert np.ptp(error) < 100_000
 
 
+@pytest.mark.slow
 @given(seed=st.integers(0, 2**32 - 1))
 def test_slope_agrees_with_theil_and_sen(seed):
     rng = np.random.default_rng(seed)

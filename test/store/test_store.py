@@ -18,6 +18,7 @@ from hydro_twin.store.version import StoreError
 FRICTION = [('friction', 'motor', {'coulomb': (10.0, 0.1)})]
 
 
+@pytest.mark.slow
 def test_a_store_reads_whole_after_kills_at_random_moments(tmp_path):
     path = write(tmp_path / 'model.yaml')
     done = subprocess.run(
