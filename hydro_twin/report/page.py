@@ -2,6 +2,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from functools import cache
 from typing import Any
 
 from jinja2 import ChoiceLoader, Environment, PackageLoader, StrictUndefined
@@ -44,8 +45,9 @@ def page(result: TraceResult, summary: Mapping[str, Any], provenance: Mapping[st
         data={item.name: plain(item) for item in illustrations})
 
 
+@cache
 def environment(*folders: str) -> Environment:
-    """Set up the templates of this folder, for pages that hold their data as JSON.
+    """Set up the templates of this folder once, for pages that hold their data as JSON.
 
     Args:
         folders: others of the package with templates, looked into first.

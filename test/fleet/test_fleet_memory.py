@@ -14,18 +14,25 @@ from hydro_twin.fleet.engine import dask_executor, work
 KEPT = 1000             # bytes of a task, below the 3 kB that Dask would keep in its logs
 PAYLOAD = 10_000        # bytes of a result
 TRACES = """
-import gc, sys
+import ctypes, gc, sys
 from pathlib import Path
 from fleet_by_hand import PLANT
 from hydro_twin.fleet.manifest import Task
 from hydro_twin.fleet.task import run
 
+class Heap(ctypes.Structure):
+    _fields_ = [(name, ctypes.c_size_t) for name in (
+        'arena', 'ordblks', 'smblks', 'hblks', 'hblkhd', 'usmblks', 'fsmblks', 'uordblks',
+        'fordblks', 'keepcost')]
+
+mallinfo = ctypes.CDLL(None).mallinfo2
+mallinfo.restype = Heap
 folder = Path(sys.argv[1])
 task = Task('a', PLANT, (folder / 'bag',), '', True, None, (), 'g', ())
 for k in range(10):
     assert run(task, folder / str(k), 0).traced
     gc.collect()
-    print(len(gc.get_objects()), sys.getallocatedblocks())
+    print(len(gc.get_objects()), sys.getallocatedblocks(), mallinfo().uordblks)
 """
 
 
@@ -77,3 +84,4 @@ def test_a_trace_leaves_nothing_behind(tmp_path):
                        process.stdout.splitlines()[4:]]
     assert last[0] - fifth[0] < 5
     assert last[1] - fifth[1] < 500
+    assert last[2] - fifth[2] < 30_000      # B, on the heap of C; formulas as ticks lose 50,000
