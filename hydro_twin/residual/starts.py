@@ -9,6 +9,7 @@ import math
 import numpy as np
 
 from hydro_twin.effects import Placed
+from hydro_twin.effects.drift import LEAST
 from hydro_twin.fitting.equation_error import one_step_values
 from hydro_twin.fitting.fit import Fit
 from hydro_twin.fitting.horizon import between_ends
@@ -49,10 +50,16 @@ def linear_starts(candidate: Model, parts: Sequence[Part]) -> list[Model]:
 
 def drift_starts(base: Fit, parts: Sequence[Part], times: tuple[float, float]
                  ) -> list[Model]:
-    """Let each parameter drift at the rate that the residual says, if it says that any does."""
+    """Let each parameter drift at the rate that the residual says, if it says that any does.
+
+    But by no more than its value in all: of a parameter that the recording hardly determines, the
+    residual says any rate.
+    """
     if not drifts(drift(base, parts)):
         return []
-    rates, plant = drifting(base, parts), base.candidate.plant
+    fastest, plant = (1.0 - LEAST) / (times[1] - times[0]), base.candidate.plant
+    rates = {name: min(max(rate, -fastest), fastest)
+             for name, rate in drifting(base, parts).items()}
     return [with_effect(base.candidate, place(effect.id, port.name, {
                 'rate': rates[port.name], 'begin': times[0], 'end': times[1]}, plant))
             for effect, port in places(plant, base.candidate.effects, parameters=True)

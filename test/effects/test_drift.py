@@ -7,6 +7,7 @@ import pytest
 from scipy.linalg import expm
 
 from hydro_twin.effects.drift import factor, slopes
+from hydro_twin.fitting.fit import Fit
 from hydro_twin.fitting.parts import Part
 from hydro_twin.fitting.problem import Problem
 from hydro_twin.fitting.unknowns import effect_unknowns, get, plant_unknowns
@@ -18,6 +19,7 @@ from hydro_twin.predictors.system import assemble, STAGES
 from hydro_twin.predictors.tangents import tangents_of
 from hydro_twin.recording.series import Recording, Series
 from hydro_twin.report.summary import sentence
+from hydro_twin.residual import starts
 from hydro_twin.residual.trace import trace
 
 LOAD = PLANTS['load_simulator']
@@ -45,6 +47,21 @@ INF = math.inf
 ])
 def test_law(law, time, expected):
     assert factor(law, time) == pytest.approx(expected, rel=1e-6)
+
+
+@pytest.mark.parametrize('rate', [1e6, -1e6, 1e-3])
+def test_a_search_begins_at_no_rate_that_is_beyond_the_law(monkeypatch, rate):
+    """A parameter that the recording hardly determines may seem to drift at any rate."""
+    monkeypatch.setattr(starts, 'drift', lambda *_: (1.0, 0.0))
+    monkeypatch.setattr(starts, 'drifting', lambda *_: dict.fromkeys(LOAD.middle(), rate))
+    model = Model(LOAD, VALUES, T)
+    begun = starts.drift_starts(Fit(model, (), np.zeros(9), np.zeros((9, 0)), (9,), 0.0), [],
+                                (BEGIN, END))
+    assert 'K_ce' in {placed.port.name for one in begun for placed in one.effects}
+    for one in begun:
+        (placed,) = one.effects
+        assert math.copysign(1.0, placed.named['rate']) == math.copysign(1.0, rate)
+        assert abs(1.0 - factor(placed.values, BEGIN)) <= min(0.95, 6.0 * abs(rate)) + 1e-12
 
 
 def test_slopes():
