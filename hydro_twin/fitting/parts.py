@@ -10,6 +10,7 @@ import numpy as np
 from hydro_twin.errors import DataError
 from hydro_twin.plants import Plant
 from hydro_twin.plants.plant import FloatArray
+from hydro_twin.predictors.kernel import LIMIT
 from hydro_twin.recording.series import Recording
 
 STILL = 0.1             # of the movement of a part: its start is longer where it moves less
@@ -65,7 +66,8 @@ def parts_of(recording: Recording, plant: Plant) -> list[Part]:
     """Stack the columns of each series that is long enough to start a run and score it.
 
     Raises:
-        DataError: no series is long enough, or the output never moves, or is not finite.
+        DataError: no series is long enough, or the output never moves, is not finite, or so large
+            that a run which follows it counts as diverged.
     """
     parts = [
         Part(np.column_stack([series[signal.name] for signal in plant.inputs]),
@@ -82,6 +84,10 @@ def parts_of(recording: Recording, plant: Plant) -> list[Part]:
     if not all(np.isfinite(part.inputs).all() and np.isfinite(part.measured).all()
                for part in parts):
         raise DataError('the recording holds values that are not finite')
+    largest = max(float(np.abs(part.measured).max()) for part in parts)
+    if not largest < LIMIT:
+        raise DataError(f'{plant.output.name} reaches {largest:.3g} {plant.output.unit} in the '
+                        f'recording, and a run beyond {LIMIT:g} has diverged: is its scale right?')
     if all(np.ptp(part.measured) == 0.0 for part in parts):
         raise DataError(f'{plant.output.name} never moves in the recording')
     return parts

@@ -10,7 +10,7 @@ import os
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
-from hypothesis import given, HealthCheck, Phase, settings
+from hypothesis import example, given, HealthCheck, Phase, settings
 from hypothesis import strategies as st
 import numpy as np
 import pytest
@@ -232,8 +232,11 @@ def wrong_in(found):
     })
 
 
+# So large that every run which follows it counts as diverged.
 @pytest.mark.slow
 @examples(2)
+@example((('load_simulator', 'rig_a'), ['spiky', 'zero', 'huge'], False,
+          [(0.35, 0.12, 400), (0.06, 0.78, 280)]))
 @given(cuts(largest=300))
 def test_a_trace_ends_in_a_verdict_or_one_line(drawn):
     plant, recording = recording_of(drawn)
