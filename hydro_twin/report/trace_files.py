@@ -2,7 +2,9 @@
 from __future__ import annotations
 
 import csv
+import io
 import json
+import math
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any
@@ -18,6 +20,7 @@ from hydro_twin.report.summary import summarise
 from hydro_twin.result import TraceResult
 
 FIGURES = 'figures'
+AT_ONCE = 4096          # rows of the table that are written together
 
 
 def write_files(result: TraceResult, folder: Path, provenance: dict[str, Any]) -> dict[str, Any]:
@@ -72,5 +75,8 @@ def write_series(result: TraceResult, path: Path) -> None:
             time = sample_time * np.arange(len(run.measured))
             columns = np.column_stack([time, *(run.series[signal.name] for signal in signals),
                                        run.before, run.after])
-            writer.writerows([run.label, run.series.source,
-                              *(f'{value:.9g}' for value in row.tolist())] for row in columns)
+            labels = [text.replace('%', '%%') for text in (run.label, run.series.source)]
+            row = io.StringIO()     # as a format of all its numbers: five times as fast as a row
+            csv.writer(row).writerow([*labels, *['%.9g'] * columns.shape[1]])
+            for some in np.array_split(columns, math.ceil(len(columns) / AT_ONCE)):
+                stream.write(row.getvalue() * len(some) % tuple(some.ravel().tolist()))

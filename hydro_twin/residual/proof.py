@@ -13,6 +13,9 @@ from hydro_twin.predictors.kernel import LIMIT
 from hydro_twin.result import Improvement
 
 BLOCK = 50              # samples, longer than the memory of the plants' errors
+# Most blocks: as many determine an interval well enough. Of a longer recording the blocks are
+# longer, and so allow for errors that change slowly, as those of a rig at 1 kHz do.
+BLOCKS = 50
 DRAWS = 2000
 
 
@@ -24,11 +27,11 @@ def improvement(before: Sequence[FloatArray], after: Sequence[FloatArray], seed:
     allows for their memory and for their likeness [Kuensch 1989]. A run that diverged counts as
     an error of `LIMIT` from there on.
     """
-    pairs = []
+    pairs, block = [], max(BLOCK, sum(map(len, before)) // BLOCKS)
     for a, b in zip(map(_bounded, before), map(_bounded, after), strict=True):
-        for begin in range(0, len(a), BLOCK):
-            pairs.append((float(np.sum(a[begin:begin + BLOCK] ** 2)),
-                          float(np.sum(b[begin:begin + BLOCK] ** 2))))
+        for begin in range(0, len(a), block):
+            pairs.append((float(np.sum(a[begin:begin + block] ** 2)),
+                          float(np.sum(b[begin:begin + block] ** 2))))
     sums = np.array(pairs)
     rng = np.random.default_rng(seed)
     drawn = sums[rng.integers(0, len(sums), (DRAWS, len(sums)))].sum(axis=1)

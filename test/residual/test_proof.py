@@ -45,6 +45,21 @@ def test_another_draw_of_the_same_noise_is_no_improvement():
     assert false <= 8                       # 1 % by design
 
 
+def test_of_two_models_as_wrong_as_each_other_none_is_better_at_a_high_rate():
+    """Their errors change slowly: within 0.2 s at 1 kHz, where 50 samples know nothing of it."""
+    memory = np.exp(-1 / 200)
+
+    def drawn(rng):
+        return lfilter([np.sqrt(1 - memory**2)], [1, -memory], rng.standard_normal(25_000))[1000:]
+
+    def false(seed):
+        rng = np.random.default_rng(seed)
+        common = rng.standard_normal(24_000) + drawn(rng)
+        return improvement([common + 0.4 * drawn(rng)], [common + 0.4 * drawn(rng)], seed).low > 0
+
+    assert sum(map(false, range(100))) <= 6         # 1 % by design, 12 with blocks of 50
+
+
 def test_nothing_changed_is_zero():
     before, _ = pair(3, 1.0)
     same = improvement(before, before, 0)
