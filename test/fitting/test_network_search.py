@@ -36,6 +36,7 @@ def scored(problem: Problem, log: Path) -> Scores:
     return score(problem, [SMALL, LARGE], log, repeats=4)
 
 
+@pytest.mark.slow
 def test_goes_on_where_it_stopped(problem: Problem, tmp_path: Path) -> None:
     log = tmp_path / 'search.jsonl'
     scores = scored(problem, log)

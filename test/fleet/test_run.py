@@ -159,6 +159,7 @@ def test_what_is_left_is_cancelled_where_the_caller_stops():
     assert [future.cancelled() for future in engine.futures] == [False, True, True]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize('missing', ['distributed', 'pyarrow'])
 def test_without_the_extra_one_line_says_what_to_install(bags, tmp_path, missing):
     code = (f'import sys; sys.modules[{missing!r}] = None\n'

@@ -157,6 +157,7 @@ def pid(k):
     return os.getpid()
 
 
+@pytest.mark.slow
 def test_on_one_core_nothing_spreads(monkeypatch):
     """Not even where workers wait already, and though the work is worth it."""
     monkeypatch.setattr('hydro_twin.fitting.parallel.WORTH', 0.0)

@@ -76,6 +76,7 @@ def test_what_goes_wrong_is_one_line(tmp_path: Path, bounds: Bounds, stop: float
     assert str(raised.value)
 
 
+@pytest.mark.slow
 def test_a_stretch_at_rest_is_not_traced(tmp_path: Path) -> None:
     bag = tmp_path / 'still'
     write_recording(bag, [Series({name: np.zeros(1000) for name in SIGNALS}, 0.002)], SIGNALS)

@@ -194,6 +194,7 @@ def test_the_port_of_an_effect_of_another_integrator_is_named(effect) -> None:
     assert len(where.ports) <= 2, where
 
 
+@pytest.mark.slow
 def test_what_the_model_explains_is_not_located() -> None:
     inputs, measured = moved([], 4.0, 5)
     measured[1000:1100] = math.nan

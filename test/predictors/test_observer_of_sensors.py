@@ -177,6 +177,7 @@ def test_the_bands_hold_the_truth_and_grow_where_a_sensor_fails(effects):
     assert (after < 0.7 * np.sqrt(np.mean(alone[parts[1], 1, :4] ** 2, axis=0))).all()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize('sensors', [('p_L',), ('omega_m',), ('p_L', 'omega_m')])
 def test_the_likelihood_tells_the_noise_of_each_sensor(sensors):
     """And that of the process, from a rig that noise on the command disturbs."""

@@ -42,6 +42,7 @@ def batch(payloads):
                  np.cumsum(length) - length, length)
 
 
+@pytest.mark.slow
 @given(messages=st.lists(odd(), min_size=1, max_size=6), little=st.booleans())
 def test_columns_equal_the_deserialised_fields(messages, little):
     payloads = [bytes(TYPES.serialize_cdr(m, ODD, little_endian=little)) for m in messages]

@@ -63,6 +63,7 @@ def test_one_beside_a_larger_one_that_is_lacking_is_dropped(grown):
     assert names(supported(chain, alone, context)) == []
 
 
+@pytest.mark.slow
 def test_what_coloured_noise_leaves_is_nothing_that_is_missing():
     """Far more than white noise, with which the bias would explain less than half."""
     rng, clean = np.random.default_rng(0), record(FRICTION, BIAS, noise=0.0)
