@@ -139,9 +139,10 @@ def estimate_noise(model: Model, series: Sequence[Series]) -> Noise | None:
     if len(columns):
         sizes = np.array(movement)[columns]
         bounds += zip(np.log(QUIETEST * sizes), np.log(DEAF * sizes), strict=True)
-        # Several sensors tell the process noise of the states apart: it may be on any one.
+        # Several sensors tell the process noise of the states apart: it may be on any one. The
+        # first ratio is none, which is among the points already.
         points += [np.log([guess * share, *np.where(np.arange(len(reach)) == k, ratio, LEAST)])
-                   for share, ratio, k in product(SHARES, RATIOS, range(len(reach)))]
+                   for share, ratio, k in product(SHARES, RATIOS[1:], range(len(reach)))]
         points = [np.r_[point, point[0] - math.log(guess)
                         + np.log(likelihood.spreads(point, sizes))] for point in points]
     starts = sorted(points, key=likelihood.loss)[:STARTS if len(columns) else 1]

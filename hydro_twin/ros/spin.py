@@ -51,9 +51,9 @@ def run[N: Node](make: Callable[[], N], start: Callable[[N], object],
     Raises:
         UserError: the parameters do not allow it.
     """
-    # rclpy's own handlers would end the context while the node still starts.
     listen()
     try:
+        # rclpy's own handlers would end the context while the node still starts.
         rclpy.init(args=None if arguments is None else [sys.argv[0], *arguments],
                    signal_handler_options=SignalHandlerOptions.NO)
         node = make()
