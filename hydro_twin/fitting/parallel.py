@@ -1,8 +1,8 @@
 """Work spread over the cores, in processes.
 
 The worker processes are fresh interpreters, never forks: a fork of a process that has threads may
-inherit a lock that nobody will release. They start with the first work that is worth it, wait for
-more, and end with their parent. They run nothing of the caller's main program, so that a script
+inherit a lock that nobody will release. They start with the first work that is worth it, or when
+a verb says that there will be some, wait for more, and end with their parent. They run nothing of the caller's main program, so that a script
 needs no guard and a notebook works.
 """
 from __future__ import annotations
@@ -66,6 +66,16 @@ def in_processes[T, R](function: Callable[[T], R], arguments: Sequence[T]) -> It
             yield pool.result(job, k)
     finally:
         pool.drop(job)
+
+
+def prepare(module: str) -> None:
+    """Start the workers of what will have work for all cores, so that they are ready in time.
+
+    Args:
+        module: that they import at once.
+    """
+    if not _within.item:
+        _pool.start(_cores() - 1, module)
 
 
 def _cores() -> int:
@@ -165,11 +175,11 @@ def _job(function: Callable[[Any], Any], arguments: Sequence[Any]) -> _Job | Non
 class _Worker:
     """A worker process, and the thread that hands it one item after another."""
 
-    def __init__(self, pool: _Pool) -> None:
+    def __init__(self, pool: _Pool, module: str) -> None:
         self.pool = pool
         self.connection, there = Pipe()
         code = ('import signal, sys; signal.signal(signal.SIGINT, signal.SIG_IGN); '
-                f'sys.path[:] = {sys.path!r}; '
+                f'sys.path[:] = {sys.path!r}; import {module}; '
                 f'from {__name__} import _serve; _serve({there.fileno()})')
         with there:
             self.process = subprocess.Popen(
@@ -209,13 +219,18 @@ class _Pool:
         self.jobs: list[_Job] = []
         self.changed = Condition()
 
+    def start(self, workers: int, module: str = __name__) -> None:
+        """Start workers until there are so many, which import a module."""
+        with self.changed:
+            while len(self.workers) < workers:
+                self.workers.append(_Worker(self, module))
+
     def begin(self, job: _Job, workers: int) -> None:
         """Put up a job, for so many workers at least."""
+        self.start(workers)
         with self.changed:
             self.jobs.append(job)
             self.changed.notify_all()
-            while len(self.workers) < workers:
-                self.workers.append(_Worker(self))
 
     def drop(self, job: _Job) -> None:
         """Take a job back; what a worker is doing of it will not be missed."""

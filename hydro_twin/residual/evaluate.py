@@ -3,6 +3,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 from scipy.linalg import null_space
@@ -13,6 +14,7 @@ from hydro_twin.fitting.horizon import HORIZON, horizon_errors
 from hydro_twin.fitting.identifiability import Identifiability
 from hydro_twin.fitting.noise import estimate_noise
 from hydro_twin.fitting.outputs import sensor_rms
+from hydro_twin.fitting.parallel import in_processes
 from hydro_twin.fitting.unknowns import get, label
 from hydro_twin.model import Model
 from hydro_twin.plants.plant import FloatArray
@@ -26,7 +28,7 @@ from hydro_twin.predictors.scores import (
     predict,
     rms,
 )
-from hydro_twin.recording.series import Series
+from hydro_twin.recording.series import Recording, Series
 from hydro_twin.residual.evidence import Evidence
 from hydro_twin.residual.probability import of_verdict
 from hydro_twin.residual.shape import shape_of
@@ -67,9 +69,10 @@ def result_of(found: Evidence) -> TraceResult:
     models = {when: fitted_model(fit, known[when],
                                  {'before': errors['before'], 'after': errors[when]})
               for when, fit in fits.items()}
-    models['before'] = _observed(models['before'], found)
-    models['after'] = (models['before'] if found.final is found.before else
-                       _observed(models['after'], found))
+    alone = found.final is found.before
+    observed = list(in_processes(partial(_observed, found.recordings),
+                                 [models['before']] if alone else [*models.values()]))
+    models = {'before': observed[0], 'after': observed[-1]}
     effects, verdict = named_effects(found), verdict_of(found)
     nothing, law_unknown = of_verdict(verdict, effects)
     return TraceResult(
@@ -112,13 +115,13 @@ def _predictions(fit: Fit, series: Sequence[Series]) -> Predictions:
     return {mode: predict(predictor, series, mode) for mode in MODES}
 
 
-def _observed(model: Model, found: Evidence) -> Model:
+def _observed(recordings: Mapping[str, Recording], model: Model) -> Model:
     """Give a model the noise that its observer needs, and the errors of that."""
-    noise = estimate_noise(model, found.recordings['train'].series)
+    noise = estimate_noise(model, recordings['train'].series)
     if noise is None:
         return model
     model = replace(model, noise=noise)
-    errors = errors_in(Analytical(model), found.recordings, OBSERVER)
+    errors = errors_in(Analytical(model), recordings, OBSERVER)
     return model.with_record(errors={
         **model.errors, 'after': {**model.errors['after'], OBSERVER: errors}})
 
