@@ -1,5 +1,6 @@
 """Work spread over the cores."""
 from functools import partial
+import math
 from multiprocessing import get_context
 import os
 from pathlib import Path
@@ -67,6 +68,22 @@ def test_a_worker_has_one_thread_of_blas(monkeypatch):
     of_workers = [threads for threads, pid in results if pid != os.getpid()]
     assert of_workers
     assert all(threads == {1} for threads in of_workers)
+
+
+@several
+def test_workers_may_start_before_the_work(monkeypatch):
+    pool = parallel._Pool()
+    monkeypatch.setattr(parallel, '_pool', pool)
+    monkeypatch.setattr(parallel, 'WORTH', math.inf)     # no work by itself starts any
+    try:
+        parallel.prepare('hydro_twin.residual.trace')
+        first = list(pool.workers)
+        parallel.prepare('hydro_twin.residual.trace')
+        assert pool.workers == first
+        assert len(first) == CORES - 1
+        wait_for_workers()
+    finally:
+        parallel._end()
 
 
 def test_an_error_comes_in_its_turn():
@@ -198,3 +215,16 @@ def test_effects_are_the_same_on_the_other_side():
         effect = over(port, 'value')
         placed = Placed(effect, port, (0.0,) * len(effect.parameters))
         assert pickle.loads(pickle.dumps(placed)) == placed
+
+
+@several
+def test_workers_started_before_the_work_have_imported_what_it_takes(monkeypatch):
+    pool = parallel._Pool()
+    monkeypatch.setattr(parallel, '_pool', pool)
+    monkeypatch.setattr(parallel, 'WORTH', math.inf)     # no work by itself would start any
+    parallel.prepare('hydro_twin.residual.trace')
+    assert len(pool.workers) == CORES - 1
+    wait_for_workers()
+    parallel.prepare('hydro_twin.residual.trace')
+    assert len(pool.workers) == CORES - 1
+    parallel._end()
