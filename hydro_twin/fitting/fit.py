@@ -6,7 +6,6 @@ import math
 
 import numpy as np
 
-from hydro_twin.fitting.evaluation import Evaluation
 from hydro_twin.fitting.identifiability import assess, Identifiability
 from hydro_twin.fitting.unknowns import get, label, Unknown
 from hydro_twin.model import Model
@@ -25,7 +24,6 @@ class Fit:
             the output, shape (N, d).
         lengths: scored samples of each piece of it, those of the output or of a sensor in a part.
         pulled: what leaving the usual values costs, as a sum of squares.
-        found: the evaluation that it is of, if it is of one.
         outputs: which output each piece is of: 0, or one more than the index of the sensor.
         sensors: names of those that were fitted.
         scales: by which the residual of output and sensors was multiplied, (1 + K,).
@@ -37,7 +35,6 @@ class Fit:
     jacobian: FloatArray
     lengths: tuple[int, ...]
     pulled: float
-    found: Evaluation | None = None
     outputs: tuple[int, ...] = ()
     sensors: tuple[str, ...] = ()
     scales: FloatArray = field(default_factory=lambda: np.ones(1))

@@ -2,7 +2,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from functools import partial
 from itertools import repeat
 import math
@@ -10,7 +10,6 @@ import math
 import numpy as np
 from scipy.optimize import least_squares, lsq_linear
 
-from hydro_twin.fitting.evaluation import Evaluation
 from hydro_twin.fitting.fit import Fit
 from hydro_twin.fitting.output_error import initial_states, usual_response
 from hydro_twin.fitting.outputs import Pieces, sensors_in, Stack
@@ -38,6 +37,34 @@ PATIENCE = 5            # evaluations: the radius has shrunk a thousandfold, and
 CONVERGED = 'converged'
 
 
+@dataclass(frozen=True)
+class Evaluation:
+    """A run over all parts at some values of the unknowns, as where a search ended.
+
+    Attributes:
+        coordinates: of the unknowns, (d,).
+        residual: of all parts, scored samples only, as in a `Fit`, (N,).
+        slopes: rise of the output by each coordinate, (N, d).
+        weights: of the first samples of each part.
+        scales: of output and sensors, (1 + K,).
+        pulled: what leaving the usual values costs, to be squared, (2 d,).
+        reason: of stopping.
+    """
+
+    coordinates: FloatArray
+    residual: FloatArray
+    slopes: FloatArray
+    weights: tuple[float, ...]
+    scales: FloatArray
+    pulled: FloatArray
+    reason: str = ''
+
+    @property
+    def power(self) -> float:
+        """Sum of squares that a search lowers."""
+        return float(self.residual @ self.residual + self.pulled @ self.pulled)
+
+
 class _StalledError(Exception):
     """No step lowers the sum of squares any more."""
 
@@ -51,16 +78,10 @@ class Problem:
     the start, for effects).
 
     The states at the starts of the parts are unknowns, too, which are eliminated.
-
-    Args:
-        base: the model to begin with.
-        unknowns: of it.
-        parts: what is fitted.
-        known: an evaluation of just this, if there is one.
     """
 
-    def __init__(self, base: Model, unknowns: Sequence[Unknown], parts: Sequence[Part],
-                 known: Evaluation | None = None) -> None:
+    def __init__(self, base: Model, unknowns: Sequence[Unknown], parts: Sequence[Part]
+                 ) -> None:
         self.base = base
         self.unknowns = tuple(unknowns)
         self.parts = parts
@@ -74,7 +95,6 @@ class Problem:
         starts = coordinates_of(base, self.unknowns)
         self.middle = np.array([0.5 * (low + high) if math.isfinite(low) else start
                                 for (low, high), start in zip(edges, starts, strict=True)])
-        self.known = known and replace(known, pulled=self.pull(known.coordinates))
 
     def pull(self, coordinates: FloatArray) -> FloatArray:
         """Return what the coordinates cost by themselves, (2 d,), to be squared."""
@@ -133,13 +153,12 @@ class Problem:
         by = Directions([d for _, d in plant], [d for _, d in laws], [d for _, d in shifts])
         return by, order
 
-    def at(self, coordinates: FloatArray, starts: Sequence[Start] = (),
-           weights: Sequence[float | None] = (), scales: FloatArray | None = None) -> Evaluation:
+    def at(self, coordinates: FloatArray, weights: Sequence[float | None] = (),
+           scales: FloatArray | None = None) -> Evaluation:
         """Run over all parts, with derivatives; a run that diverged has a large, finite error.
 
         Args:
             coordinates: of the unknowns, (d,).
-            starts: of the parts, near those that fit; none: they are searched.
             weights: of the first samples of each part, if they are to be kept.
             scales: of output and sensors; None: by how much each moves.
         """
@@ -150,8 +169,7 @@ class Problem:
         usual, limit = usual_response(candidate), 1e3 * self.size
         scales = self.size / self.pieces.sizes if scales is None else scales
 
-        def run_from(start: Start, part: Part, stack: Stack, weight: float | None
-                     ) -> tuple[Eliminated, Start]:
+        def run_from(start: Start, part: Part, stack: Stack, weight: float | None) -> Eliminated:
             y, slopes = run_all_with_slopes(system, by, tangents, part.inputs, start.x, start.z,
                                             part.start, self.sensors)
             rows = stack.pick(slopes, scales)
@@ -159,29 +177,24 @@ class Problem:
             others[:, order] = rows[:, :by.count]
             missed = np.clip(np.nan_to_num(stack.pick(stack.measured - y, scales), nan=limit),
                              -limit, limit)
-            run = without_start(missed, rows[:, by.count:], usual, stack.first, others, weight)
-            return run, Start(start.x + run.change[:n], start.z + run.change[n:])
+            return without_start(missed, rows[:, by.count:], usual, stack.first, others, weight)
 
-        left, nearer = [], []
+        left = []
         for part, stack, start, weight in zip(
-                self.parts, self.stacks, starts or initial_states(candidate, self.parts),
+                self.parts, self.stacks, initial_states(candidate, self.parts),
                 weights or repeat(None), strict=False):
-            run, near = run_from(start, part, stack, weight)
+            run = run_from(start, part, stack, weight)
             if run.taken > SMALL * rms(run.residual):
                 # The derivatives belong to a run from where elimination moves the start.
-                moved, further = run_from(near, part, stack, run.weight)
-                if not np.isfinite(moved.slopes).all():
-                    near = start
-                elif rms(moved.residual) > rms(run.residual):
-                    run, near = run._replace(slopes=moved.slopes), start
-                else:
-                    run, near = moved, further
+                nearer = Start(start.x + run.change[:n], start.z + run.change[n:])
+                moved = run_from(nearer, part, stack, run.weight)
+                if np.isfinite(moved.slopes).all():
+                    run = run._replace(slopes=moved.slopes)
             left.append(run)
-            nearer.append(near)
         return Evaluation(
             coordinates, np.concatenate([run.residual for run in left]),
-            np.concatenate([run.slopes for run in left]), tuple(nearer),
-            tuple(run.weight for run in left), scales, self.pull(coordinates))
+            np.concatenate([run.slopes for run in left]), tuple(run.weight for run in left),
+            scales, self.pull(coordinates))
 
     def bounds(self) -> tuple[FloatArray, FloatArray]:
         """Lower and upper bounds of the coordinates."""
@@ -194,8 +207,6 @@ class Problem:
 
     def begin(self) -> Evaluation:
         """Evaluate the base."""
-        if self.known:
-            return self.known
         lower, upper = self.bounds()
         begin = coordinates_of(self.base, self.unknowns)
         # A hair within the bounds: at one there may be a kink, and its other side counts for
@@ -203,7 +214,7 @@ class Problem:
         hair = INSIDE * np.maximum(1.0, np.abs(begin))
         begin = np.clip(begin, lower + hair, upper - hair)
         here = self.at(begin)
-        return self.at(begin, here.starts, scales=self.balanced(here)) if self.sensors else here
+        return self.at(begin, scales=self.balanced(here)) if self.sensors else here
 
     def as_it_is(self) -> Fit:
         """Take the base without a search."""
@@ -244,7 +255,7 @@ class Problem:
         for _ in range(REBALANCED if self.sensors else REWEIGHTED):
             if found.reason != CONVERGED:
                 break
-            now = self.at(found.coordinates, found.starts, scales=self.balanced(found))
+            now = self.at(found.coordinates, scales=self.balanced(found))
             if all(max(a, b) < SAME_WEIGHT * min(a, b)
                    for a, b in zip(found.weights, now.weights, strict=True)
                    ) and np.abs(np.log(now.scales / found.scales)).max() < SAME_SCALE:
@@ -259,7 +270,8 @@ class Problem:
         by a quarter at a time down to nothing. So a search also ends if `PATIENCE` evaluations in
         a row have not lowered the sum of squares.
         """
-        best, stalled, (lower, upper) = here, 0, self.bounds()
+        weights, scales, (lower, upper) = here.weights, here.scales, self.bounds()
+        best, stalled = here, 0
 
         def last(coordinates: FloatArray) -> Evaluation:
             """Run, unless the derivatives are asked where the residual was."""
@@ -267,7 +279,7 @@ class Problem:
             if not np.array_equal(coordinates, here.coordinates):
                 if stalled == PATIENCE:
                     raise _StalledError
-                here = self.at(coordinates, best.starts, best.weights, best.scales)
+                here = self.at(coordinates, weights, scales)
                 stalled = 0 if here.power < (1.0 - tolerance) * best.power else stalled + 1
                 best = min(here, best, key=lambda evaluation: evaluation.power)
             return here
@@ -289,7 +301,7 @@ class Problem:
     def fit(self, found: Evaluation) -> Fit:
         """Take what a search has found, with the scales that its residual asks for."""
         fit = Fit(self.candidate(found.coordinates), self.unknowns, found.residual, found.slopes,
-                  self.lengths, float(found.pulled @ found.pulled), found)
+                  self.lengths, float(found.pulled @ found.pulled))
         if not self.sensors:
             return fit
         scales = self.balanced(found)

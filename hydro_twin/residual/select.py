@@ -74,23 +74,15 @@ def search(candidate: Model, parts: Sequence[Part], evaluations: int) -> Fit:
     return next(search_all([candidate], parts, evaluations))
 
 
-def search_all(begun: Sequence[Model | Fit], parts: Sequence[Part], evaluations: int
+def search_all(candidates: Sequence[Model], parts: Sequence[Part], evaluations: int
                ) -> Iterator[Fit]:
-    """Fit several, on all cores, and yield the fits in their order.
-
-    Args:
-        begun: candidates, or their fits to these parts, from which the search goes on.
-        parts: what is fitted.
-        evaluations: most runs over the parts, of each.
-    """
-    return solve_all([_problem(one, parts) for one in begun], evaluations, 1e-5)
+    """Fit several, on all cores, and yield the fits in their order."""
+    return solve_all(_problems(candidates, parts), evaluations, 1e-5)
 
 
-def _problem(begun: Model | Fit, parts: Sequence[Part]) -> Problem:
-    """Set up the fit of a candidate."""
-    if isinstance(begun, Fit):
-        return Problem(begun.candidate, begun.unknowns, parts, begun.found)
-    return Problem(begun, searched(begun), parts)
+def _problems(candidates: Sequence[Model], parts: Sequence[Part]) -> list[Problem]:
+    """Set up the fit of each candidate."""
+    return [Problem(candidate, searched(candidate), parts) for candidate in candidates]
 
 
 def searched(candidate: Model) -> list[Unknown]:
@@ -152,8 +144,8 @@ def race(candidates: Sequence[Model], parts: Sequence[Part],
     candidates goes on. The others stay as they are. What hides may lead only after a search, so it
     always goes on. The evaluations that only rank take few steps in a sample.
     """
-    problems = [_problem(replace(candidate, substeps=min(candidate.substeps, SUBSTEPS)), parts)
-                for candidate in candidates]
+    problems = _problems([replace(candidate, substeps=min(candidate.substeps, SUBSTEPS))
+                          for candidate in candidates], parts)
     promises = []
     for problem, (here, leaves) in zip(problems, in_processes(Problem.linear_prediction, problems),
                                        strict=True):
@@ -164,11 +156,10 @@ def race(candidates: Sequence[Model], parts: Sequence[Part],
     goes_on = [rank < LEADING or fits[0].candidate.effects[-1].effect.hides
                for rank, fits in enumerate(ranked)]
     two = [fits[:2] for fits in compress(ranked, goes_on)]
-    short = search_all([fit for fits in two for fit in fits], parts, RACING)
+    short = search_all([fit.candidate for fits in two for fit in fits], parts, RACING)
     better = [best_first(list(islice(short, len(fits))))[0] for fits in two]
     substeps = max((candidate.substeps for candidate in candidates), default=SUBSTEPS)
-    further = search_all([fit if fit.candidate.substeps == substeps else
-                          replace(fit.candidate, substeps=substeps) for fit in better], parts,
+    further = search_all([replace(fit.candidate, substeps=substeps) for fit in better], parts,
                          SHORT - RACING)
     return best_first([*further, *(
         fits[0] for fits, goes in zip(ranked, goes_on, strict=True) if not goes)])
@@ -200,7 +191,7 @@ def finish(base: Fit, ranked: Sequence[Fit], parts: Sequence[Part],
     """
     most_error = min(most_error, HOPELESS * ranked[0].error)
     kept = list(takewhile(lambda fit: fit.error <= most_error, ranked[:KEPT]))
-    longer = list(search_all(kept, parts, LONG))
+    longer = list(search_all([fit.candidate for fit in kept], parts, LONG))
     near = WITHIN * min((fit.error for fit in longer), default=0.0)
     done = refine([fit for fit in longer if fit.error <= near], parts)
     done += [fit for fit in longer if fit.error > near]
@@ -273,7 +264,7 @@ def refine(fits: Sequence[Fit], parts: Sequence[Part], index: int = -1) -> list[
     """
     formed = [_forms(fit, parts, index) for fit in fits]
     short = search_all([form for forms in formed for form in forms], parts, SHORT)
-    chosen, changed = [], []
+    chosen: list[Fit | Model] = []
     for fit, forms in zip(fits, formed, strict=True):
         tried = [fit, *islice(short, len(forms))]
         simplest = int(bool(forms) and _is_refined(fit, index))
@@ -281,10 +272,9 @@ def refine(fits: Sequence[Fit], parts: Sequence[Part], index: int = -1) -> list[
         best = int(np.argmin(scores))
         if scores[best] > scores[simplest] - CLEARLY:
             best = simplest
-        chosen.append(tried[best])
-        changed.append(best != 0)
-    long = search_all(list(compress(chosen, changed)), parts, LONG)
-    return [next(long) if more else fit for fit, more in zip(chosen, changed, strict=True)]
+        chosen.append(fit if best == 0 else tried[best].candidate)
+    long = search_all([c for c in chosen if isinstance(c, Model)], parts, LONG)
+    return [next(long) if isinstance(c, Model) else c for c in chosen]
 
 
 def _is_refined(fit: Fit, index: int) -> bool:

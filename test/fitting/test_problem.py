@@ -49,21 +49,6 @@ def test_a_step_promises_no_more_than_its_bounds_allow():
     assert 0.9 * here.power < leaves <= here.power      # a factor of e makes it 3e-6
 
 
-def test_a_search_that_was_cut_short_goes_on_where_it_stood():
-    """From the evaluation that it ended with, without another run; to where one search ends."""
-    model, part = moved(('dead_zone', 'command', {'width': 0.05}))
-    begun = changed(model, 0, width=0.02)
-    unknowns = [*plant_unknowns(PLANT, 'physical'), *effect_unknowns(0, begun.effects[0])]
-    short = Problem(begun, unknowns, [part]).solve(3)
-    further = Problem(short.candidate, unknowns, [part], short.found)
-    np.testing.assert_array_equal(further.begin().residual, short.residual)
-    assert further.begin().power == pytest.approx(
-        Problem(short.candidate, unknowns, [part]).begin().power, rel=1e-4)     # other weights
-    whole = Problem(begun, unknowns, [part]).solve(60)
-    assert whole.error < 0.1 * short.error
-    assert further.solve(60).error < 2.0 * whole.error
-
-
 def test_a_search_ends_where_no_step_is_better(monkeypatch):
     """At the kinks of a wrong law the derivatives promise what no step keeps."""
     _, part = moved(('backlash', 'stem', {'gap': 0.02}))
