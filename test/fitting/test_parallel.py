@@ -215,16 +215,3 @@ def test_effects_are_the_same_on_the_other_side():
         effect = over(port, 'value')
         placed = Placed(effect, port, (0.0,) * len(effect.parameters))
         assert pickle.loads(pickle.dumps(placed)) == placed
-
-
-@several
-def test_workers_started_before_the_work_have_imported_what_it_takes(monkeypatch):
-    pool = parallel._Pool()
-    monkeypatch.setattr(parallel, '_pool', pool)
-    monkeypatch.setattr(parallel, 'WORTH', math.inf)     # no work by itself would start any
-    parallel.prepare('hydro_twin.residual.trace')
-    assert len(pool.workers) == CORES - 1
-    wait_for_workers()
-    parallel.prepare('hydro_twin.residual.trace')
-    assert len(pool.workers) == CORES - 1
-    parallel._end()
