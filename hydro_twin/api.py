@@ -10,6 +10,7 @@ from hydro_twin.blas import one_thread
 from hydro_twin.errors import UserError
 from hydro_twin.fitting import refit as fitting
 from hydro_twin.fitting.horizon import horizon_errors
+from hydro_twin.fitting.parallel import prepare
 from hydro_twin.fitting.refit import Refit, Request
 from hydro_twin.model import load_predictor, Model, read_model
 from hydro_twin.plants import Plant, plant_named
@@ -253,6 +254,7 @@ def trace(data: Data, model: Model | None = None, seed: int = 0, *,
         DataError: the samples do not allow it.
     """
     model = None if model is None else _analytical(model, data)
+    prepare(tracing.__name__)
     with show('tracing', None) as step:
         result = tracing.trace(data.recording, data.test, data.plant, data.rig.constants, model,
                                seed, lambda _: step(), data.earlier)

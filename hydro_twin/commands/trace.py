@@ -42,9 +42,6 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
     Returns:
         The report object.
     """
-    from hydro_twin.fitting.parallel import prepare
-
-    prepare('hydro_twin.residual.trace')
     from hydro_twin import api
     from hydro_twin.model import read_model
     from hydro_twin.predictors import kind_named

@@ -2,7 +2,7 @@
 
 The worker processes are fresh interpreters, never forks: a fork of a process that has threads may
 inherit a lock that nobody will release. They start with the first work that is worth it, or when
-a verb says that there will be some, wait for more, and end with their parent. They run nothing of
+it is known that there will be some, wait for more, and end with their parent. They run nothing of
 the caller's main program, so that a script needs no guard and a notebook works.
 """
 from __future__ import annotations

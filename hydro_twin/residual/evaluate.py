@@ -57,10 +57,10 @@ def result_of(found: Evidence) -> TraceResult:
     """
     series = [one for part in PARTS for one in found.recordings[part].series]
     fits = {'before': found.before, 'after': found.final}
+    same = found.final is found.before
     before = _predictions(found.before, series)
     predicted = {'before': before,
-                 'after': before if found.final is found.before else
-                 _predictions(found.final, series)}
+                 'after': before if same else _predictions(found.final, series)}
     errors = {when: _errors(found, predicted[when])
               | horizon_errors(fit.candidate, found.recordings)
               for when, fit in fits.items()}
@@ -69,9 +69,8 @@ def result_of(found: Evidence) -> TraceResult:
     models = {when: fitted_model(fit, known[when],
                                  {'before': errors['before'], 'after': errors[when]})
               for when, fit in fits.items()}
-    alone = found.final is found.before
     observed = list(in_processes(partial(_observed, found.recordings),
-                                 [models['before']] if alone else [*models.values()]))
+                                 [models['before']] if same else [*models.values()]))
     models = {'before': observed[0], 'after': observed[-1]}
     effects, verdict = named_effects(found), verdict_of(found)
     nothing, law_unknown = of_verdict(verdict, effects)
