@@ -308,7 +308,8 @@ def replay(data: Data, model: Model | Predictor) -> Replay:
     predictor = (model.at(data.recording.sample_time).predictor() if isinstance(model, Model)
                  else model)
     recording = data.recording
-    horizon = horizon_errors(predictor.model, {'all': recording}).get('horizon', {})
+    horizon = (horizon_errors(predictor.model, {'all': recording}).get('horizon', {})
+               if data.plant.integrates else {})
     replayed = Replay(data.plant, recording, {
         mode: predict(predictor, recording.series, mode) for mode in MODES}, horizon.get('all'))
     if not isinstance(predictor, Analytical):

@@ -1,8 +1,8 @@
 """The error over a horizon: free runs in windows, for plants whose long free runs drift.
 
-Where a plant integrates, a free run of a whole series adds up every small error of the laws. A
-window is as long as shows what the laws do, and begins at a state of its own, estimated from its
-samples as `without_start` says.
+Where a plant integrates, a free run of a whole series adds up every small error of the laws; where
+it forgets slowly, that of its start lasts. A window is as long as shows what the laws do, and
+begins at a state of its own, estimated from its samples as `without_start` says.
 """
 from __future__ import annotations
 
@@ -19,13 +19,15 @@ from hydro_twin.model import Model
 from hydro_twin.plants import Plant
 from hydro_twin.plants.plant import FloatArray
 from hydro_twin.predictors import kind_named
-from hydro_twin.predictors.scores import rms
+from hydro_twin.predictors.analytical import Analytical
+from hydro_twin.predictors.scores import errors_by_series, rms
 from hydro_twin.recording.series import Recording
 
 AT_END = 0.05           # share of the travel at either end that counts as the end
 LEAST = 10              # samples between them that say how it moves
 STANDS = 0.5            # least share at the ends from which a recording mostly stands there
 HORIZON = 10.0          # [s], longest window: some strokes of a cylinder, few of a slow one
+OF_START = 1.2          # free run over horizon, errors beyond which the difference is no chance
 
 
 def windows(part: Part, longest: int, least: int, sample_time: float) -> list[Part]:
@@ -95,14 +97,30 @@ def errors_over_horizon(model: Model, recording: Recording) -> list[FloatArray]:
     return fitted_residuals(model, horizon_windows(parts, model.plant, model.sample_time))
 
 
+def needs_horizon(model: Model, recording: Recording) -> bool:
+    """Whether a free run of a recording says more of its starts than of the laws.
+
+    So it does where the plant integrates; and where it forgets slowly, so that the error of a
+    start, which few samples show, lasts.
+
+    Raises:
+        DataError: no series is long enough.
+    """
+    if model.plant.integrates:
+        return True
+    free = errors_by_series(Analytical(model), recording.series, 'free_run')
+    own = rms(np.concatenate(errors_over_horizon(model, recording)))
+    return not rms(np.concatenate(free)) <= OF_START * own
+
+
 def horizon_errors(model: Model, parts: Mapping[str, Recording]) -> dict[str, dict[str, float]]:
     """Score a model over a horizon on named parts, as 'train' and 'test'.
 
     Returns:
-        {'horizon': part -> RMS error}; nothing of a plant that does not integrate or a model that
-        is not analytical, nor where a part has no series that is long enough, or stands still.
+        {'horizon': part -> RMS error}; nothing of a model that is not analytical, nor where a part
+        has no series that is long enough, or stands still.
     """
-    if not (model.plant.integrates and kind_named(model.kind).analytical):
+    if not kind_named(model.kind).analytical:
         return {}
     try:
         return {'horizon': {name: rms(np.concatenate(errors_over_horizon(model, part)))

@@ -220,7 +220,9 @@ def refit(train: Recording, test: Recording, plant: Plant, constants: Mapping[st
             model = replace(model, noise=estimate_noise(model, train.series))
     predictor = fitted.predictor if fitted else make_predictor(model, Path())
     parts = {'train': train, 'test': test}
-    errors = errors_of(predictor, parts) | horizon_errors(model, parts)
+    errors = errors_of(predictor, parts)
+    if plant.integrates:
+        errors |= horizon_errors(model, parts)
     outputs: dict[str, dict[str, float]] = {}
     if isinstance(predictor, Analytical):
         by_output = {plant.output.name: errors['free_run']} | sensor_rms(predictor, parts)

@@ -62,7 +62,7 @@ def result_of(found: Evidence) -> TraceResult:
     predicted = {'before': before,
                  'after': before if same else _predictions(found.final, series)}
     errors = {when: _errors(found, predicted[when])
-              | horizon_errors(fit.candidate, found.recordings)
+              | (horizon_errors(fit.candidate, found.recordings) if found.by_horizon else {})
               for when, fit in fits.items()}
     known = {'before': found.before.identifiability(),
              'after': found.known or found.final.identifiability()}
@@ -77,7 +77,7 @@ def result_of(found: Evidence) -> TraceResult:
     return TraceResult(
         plant=found.plant, verdict=verdict, nothing=nothing, law_unknown=law_unknown,
         evidence_left=found.evidence_left, tested=found.tested,
-        horizon=HORIZON if found.plant.integrates else None,
+        horizon=_longest_window(found.recordings['test']) if found.by_horizon else None,
         before=models['before'], after=models['after'],
         combinations={when: combination_estimates(fits[when], known[when]) for when in fits},
         factor=_factor(fits['after'], known['after']), effects=effects,
@@ -91,6 +91,11 @@ def result_of(found: Evidence) -> TraceResult:
         persistence=persistence(found.recordings['test'], found.plant), noise=found.floor,
         memory=found.memory,
         fails=found.fails, parts=(len(found.train), len(found.test)))
+
+
+def _longest_window(recording: Recording) -> float:
+    """Return how long [s] a window of the error over a horizon is at most."""
+    return min(HORIZON, max(len(series) * series.sample_time for series in recording.series))
 
 
 def _factor(fit: Fit, known: Identifiability) -> Factor:

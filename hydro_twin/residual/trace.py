@@ -8,7 +8,7 @@ import numpy as np
 
 from hydro_twin.blas import one_thread
 from hydro_twin.fitting.fit import Fit
-from hydro_twin.fitting.horizon import errors_over_horizon
+from hydro_twin.fitting.horizon import errors_over_horizon, needs_horizon
 from hydro_twin.fitting.linear import fit_linear
 from hydro_twin.fitting.outputs import sensors_in
 from hydro_twin.fitting.parts import least_samples, Part, parts_of, with_travel
@@ -131,8 +131,9 @@ def _with_memory(found: Evidence, model: Model, earlier: Recording, seed: int) -
         return replace(found, memory=memory)
     final = ({'after': together.fit} if found.found is None else
              {'found': replace(found.found, fit=together.fit)})
-    return replace(found, **final, memory=memory, known=together.known,
-                   improvement=_gain(found.before, together.fit, found.recordings['test'], seed))
+    gain, by_horizon = _gain(found.before, together.fit, found.recordings['test'], seed)
+    return replace(found, **final, memory=memory, known=together.known, improvement=gain,
+                   by_horizon=by_horizon)
 
 
 def _mean_square(fit: Fit, parts: Sequence[Part]) -> float:
@@ -218,18 +219,19 @@ def _search(train: Recording, test: Recording, plant: Plant,
     after = without_unreached(after, fine)
     found = found and replace(found, fit=without_unreached(found.fit, fine))
     # What is named must improve the reported figure, too.
-    gain = _gain(before, after if found is None else found.fit, test, seed)
+    gain, by_horizon = _gain(before, after if found is None else found.fit, test, seed)
     if found and not gain.low > 0.0:
-        found, gain = None, _gain(before, after, test, seed)
+        found = None
+        gain, by_horizon = _gain(before, after, test, seed)
     if chain.findings and not gain.low > 0.0:
         chain, after = Chain(base), base
-        gain = _gain(before, base, test, seed)
+        gain, by_horizon = _gain(before, base, test, seed)
     pieces, left = by_part(after), residuals(after, fine_held_out)
     traced = Evidence(
         plant=plant, before=before, after=after, train=whole, test=held_out,
         recordings={'train': train, 'test': test}, fitted=fine, hidden=(),
         findings=chain.findings,
-        improvement=gain, held_out_error=rms(np.concatenate(left)),
+        improvement=gain, by_horizon=by_horizon, held_out_error=rms(np.concatenate(left)),
         floor=noise_floor(pieces), white=is_white(pieces),
         lines=tuple(lines(pieces, sample_time)),
         bursts=tuple(bursts(residuals(after, [*whole, *held_out]))),
@@ -260,15 +262,17 @@ def _linear(plain: Model, parts: Sequence[Part], seed: int) -> Fit:
     return min(free, search(plain, parts, 40), key=lambda fit: fit.cost)
 
 
-def _gain(before: Fit, after: Fit, test: Recording, seed: int) -> Improvement:
-    """Compare the free runs on held-out data; over a horizon where the plant integrates."""
-    candidates = before.candidate, after.candidate
-    if before.candidate.plant.integrates:
-        first, then = (errors_over_horizon(candidate, test) for candidate in candidates)
-    else:
-        first, then = (errors_by_series(Analytical(candidate), test.series, 'free_run')
-                       for candidate in candidates)
-    return improvement(first, then, seed)
+def _gain(before: Fit, after: Fit, test: Recording, seed: int) -> tuple[Improvement, bool]:
+    """Compare two models on held-out data.
+
+    Returns:
+        The improvement, and whether it is that of the error over a horizon.
+    """
+    by_horizon = needs_horizon(after.candidate, test)
+    first, then = (errors_over_horizon(fit.candidate, test) if by_horizon else
+                   errors_by_series(Analytical(fit.candidate), test.series, 'free_run')
+                   for fit in (before, after))
+    return improvement(first, then, seed), by_horizon
 
 
 def _on_all(found: FittedCurve, after: Fit, sample_time: float, parts: Sequence[Part],

@@ -2,7 +2,12 @@
 import numpy as np
 import pytest
 
-from hydro_twin.fitting.horizon import errors_over_horizon, horizon_errors, moving_windows
+from hydro_twin.fitting.horizon import (
+    errors_over_horizon,
+    horizon_errors,
+    moving_windows,
+    needs_horizon,
+)
 from hydro_twin.fitting.parts import parts_of
 from hydro_twin.model import Model
 from hydro_twin.plants import plant_named, PLANTS
@@ -56,11 +61,23 @@ def test_each_window_has_its_own_start():
     assert np.abs(np.concatenate(errors)).max() < 5e-3
 
 
-def test_none_of_a_plant_that_forgets_nor_of_a_series_that_is_too_short():
-    servo = plant_named('valve_servo')
-    model = Model(servo, servo.constant_values() | servo.middle(), 0.002)
-    assert horizon_errors(model, {}) == {}
+def test_none_of_a_series_that_is_too_short():
     assert horizon_errors(cylinder(0.1), {'test': Recording((stroke(0.2, 0.1),))}) == {}
+
+
+@pytest.mark.parametrize(('tau', 'needed'), [(0.5, False), (20.0, True)])
+def test_a_valve_that_forgets_its_start_slowly_needs_a_horizon(tau, needed):
+    """The first sample, from which a free run starts, is off; the valve stays where it is."""
+    plant = plant_named('control_valve')
+    model = Model(plant, {'tau': tau, 'K': 1.0}, 0.1)
+    opening = 0.5 + 0.01 * np.random.default_rng(0).standard_normal(400)
+    opening[0] = 0.6
+    recording = Recording((Series({'command': np.full(400, 0.5), 'opening': opening}, 0.1),))
+    assert needs_horizon(model, recording) == needed
+
+
+def test_a_plant_that_integrates_needs_a_horizon():
+    assert needs_horizon(cylinder(0.1), Recording((stroke(20.0, 0.1),)))
 
 
 def test_standing_at_a_stop_is_left_out_of_a_plain_fit():
