@@ -12,7 +12,6 @@ from hydro_twin.fitting.whiteness import is_white
 from hydro_twin.model import Model, place
 from hydro_twin.plants import plant_named
 from hydro_twin.recording.series import Recording, Series
-from hydro_twin.residual.criterion import by_part
 from hydro_twin.residual.curve import FittedCurve
 from hydro_twin.residual.evaluate import result_of
 from hydro_twin.residual.evidence import Evidence
@@ -100,8 +99,8 @@ def evidence(name, found=True, curve=False, seconds=0.6, source='a bag'):
         improvement=improvement(residuals(before.candidate, test),
                                 residuals(after.candidate, test), 0),
         by_horizon=truth.plant.integrates, held_out_error=after.error,
-        floor=noise_floor(by_part(after)),
-        white=is_white(by_part(after)),
+        floor=noise_floor(after.by_part),
+        white=is_white(after.by_part),
         lines=() if found else (Line(50.25, 0.125),),
         bursts=() if found else (Burst(0, 50, 100),),
         depends_on=() if found and not curve else (

@@ -27,6 +27,8 @@ class Fit:
         outputs: which output each piece is of: 0, or one more than the index of the sensor.
         sensors: names of those that were fitted.
         scales: by which the residual of output and sensors was multiplied, (1 + K,).
+        whitened: residual and derivative as they were fitted, where that was by the likelihood of
+            coloured noise; None where the noise was taken as white.
     """
 
     candidate: Model
@@ -38,6 +40,7 @@ class Fit:
     outputs: tuple[int, ...] = ()
     sensors: tuple[str, ...] = ()
     scales: FloatArray = field(default_factory=lambda: np.ones(1))
+    whitened: tuple[FloatArray, FloatArray] | None = None
 
     @property
     def main(self) -> Fit:
@@ -49,7 +52,20 @@ class Fit:
         return replace(
             self, residual=self.residual[rows] / scale, jacobian=self.jacobian[rows] / scale,
             lengths=tuple(np.array(self.lengths)[own].tolist()), pulled=self.pulled / scale**2,
-            outputs=(), sensors=(), scales=np.ones(1))
+            outputs=(), sensors=(), scales=np.ones(1), whitened=None)
+
+    @property
+    def by_output(self) -> list[list[FloatArray]]:
+        """The residuals of the output, and of each sensor, by part, each in its unit."""
+        pieces = np.split(self.residual, np.cumsum(self.lengths)[:-1])
+        outputs = self.outputs or (0,) * len(pieces)
+        return [[piece / scale for piece, output in zip(pieces, outputs, strict=True)
+                 if output == q] for q, scale in enumerate(self.scales)]
+
+    @property
+    def by_part(self) -> list[FloatArray]:
+        """The residual of the output by part."""
+        return self.by_output[0]
 
     @property
     def noise(self) -> dict[str, float]:
@@ -83,8 +99,9 @@ class Fit:
 
     def identifiability(self) -> Identifiability:
         """Say what the data determine; see `identifiability`."""
+        residual, jacobian = self.whitened or (self.residual, self.jacobian)
         cuts = np.cumsum(self.lengths)[:-1]
-        stretches = zip(np.split(self.jacobian, cuts), np.split(self.residual, cuts), strict=True)
+        stretches = zip(np.split(jacobian, cuts), np.split(residual, cuts), strict=True)
         names = [label(unknown) for unknown in self.unknowns]
         inside = [c for c in self.candidate.plant.combinations if all(name in names for name in c)]
         return assess(stretches, names, inside, self.at_bound())

@@ -16,6 +16,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from scipy import signal
 
 from hydro_twin.fitting.parts import Part, SCORED
 from hydro_twin.plants import Plant
@@ -93,6 +94,16 @@ class Stack:
         weights = scales[self.rows // values.shape[1]]
         picked: FloatArray = flat * weights.reshape(-1, *[1] * (flat.ndim - 1))
         return picked
+
+    def whitened(self, rows: FloatArray, filters: Sequence[FloatArray]) -> FloatArray:
+        """Filter the rows of each output in the order of time, by its own filter."""
+        white = rows.copy() if filters else rows
+        outputs = self.rows // self.measured.shape[1]
+        for q, filter_ in enumerate(filters):
+            own = np.flatnonzero(outputs == q)
+            own = own[np.argsort(self.rows[own])]
+            white[own] = signal.lfilter(filter_, [1.0], rows[own], axis=0)
+        return white
 
 
 @dataclass(frozen=True)

@@ -9,6 +9,7 @@ import numpy as np
 from hydro_twin.effects import Placed
 from hydro_twin.errors import UserError
 from hydro_twin.fitting.coefficients import coefficients_of
+from hydro_twin.fitting.coloured import with_coloured_noise
 from hydro_twin.fitting.horizon import moving_windows
 from hydro_twin.fitting.identifiability import assess, Identifiability
 from hydro_twin.fitting.linear import fit_linear
@@ -29,6 +30,8 @@ GROUP = 'hydro_twin.methods'    # entry points: the studies' methods and those o
 BIASED = ('one-step fit with a residual that is not white: noise of the measured outputs among '
           'the regressors biases the values by an unknown amount, so none has a standard error; '
           'a least-squares fit of the free run is free of this bias')
+COLOURED = ('what is left is coloured noise: it was fitted by its likelihood as an autoregressive '
+            'process, and the standard errors are those of that fit')
 STANDING = ('the output stands at an end of its travel in {:.0%} of the samples, where a stop may '
             'hold it: these were left out of the fit')
 
@@ -131,12 +134,13 @@ def fit_free_run(task: Task) -> Physics:
         parts, left_out = moving_windows(parts, free, sample_time)
     fit = fit_linear(free, parts, {**task.constants, **task.held}, sample_time, 'box',
                      timing=False, seed=task.seed, effects=task.effects)
+    fit = with_coloured_noise(fit, parts)
     values = {p.name: fit.candidate.values[p.name] for p in free.parameters}
     found = replace(_physics(task, free, values, fit.identifiability(), biased=False),
                     noise=fit.noise)
-    if left_out:
-        found = replace(found, notes=(*found.notes, STANDING.format(left_out)))
-    return found
+    notes = [COLOURED] if fit.whitened else []
+    notes += [STANDING.format(left_out)] if left_out else []
+    return replace(found, notes=(*found.notes, *notes))
 
 
 def fit_one_step(task: Task, search: Search) -> Physics:

@@ -43,8 +43,8 @@ class Evaluation:
 
     Attributes:
         coordinates: of the unknowns, (d,).
-        residual: of all parts, scored samples only, as in a `Fit`, (N,).
-        slopes: rise of the output by each coordinate, (N, d).
+        residual: of all parts, scored samples only, filtered where there are filters, (N,).
+        slopes: rise of the output by each coordinate, filtered as the residual, (N, d).
         weights: of the first samples of each part.
         scales: of output and sensors, (1 + K,).
         pulled: what leaving the usual values costs, to be squared, (2 d,).
@@ -78,13 +78,21 @@ class Problem:
     the start, for effects).
 
     The states at the starts of the parts are unknowns, too, which are eliminated.
+
+    Args:
+        base: from where the search begins.
+        unknowns: what is searched.
+        parts: what is fitted.
+        filters: that whiten the noise of output and sensors, as `noise_filter` makes them, so that
+            the sum of squares is its likelihood; none where it is taken as white.
     """
 
-    def __init__(self, base: Model, unknowns: Sequence[Unknown], parts: Sequence[Part]
-                 ) -> None:
+    def __init__(self, base: Model, unknowns: Sequence[Unknown], parts: Sequence[Part],
+                 filters: Sequence[FloatArray] = ()) -> None:
         self.base = base
         self.unknowns = tuple(unknowns)
         self.parts = parts
+        self.filters = tuple(filters)
         self.sensors = sensors_in(parts, base.plant, base.start_up)
         self.stacks = [Stack.of(part, self.sensors, base.start_up) for part in parts]
         self.pieces = Pieces.of(self.stacks)
@@ -172,11 +180,12 @@ class Problem:
         def run_from(start: Start, part: Part, stack: Stack, weight: float | None) -> Eliminated:
             y, slopes = run_all_with_slopes(system, by, tangents, part.inputs, start.x, start.z,
                                             part.start, self.sensors)
-            rows = stack.pick(slopes, scales)
+            rows = stack.whitened(stack.pick(slopes, scales), self.filters)
             others = np.empty((len(rows), by.count))
             others[:, order] = rows[:, :by.count]
-            missed = np.clip(np.nan_to_num(stack.pick(stack.measured - y, scales), nan=limit),
-                             -limit, limit)
+            missed = stack.whitened(
+                np.clip(np.nan_to_num(stack.pick(stack.measured - y, scales), nan=limit),
+                        -limit, limit), self.filters)
             return without_start(missed, rows[:, by.count:], usual, stack.first, others, weight)
 
         left = []

@@ -10,6 +10,7 @@ from hydro_twin.effects import Effect
 from hydro_twin.fitting.fit import Fit
 from hydro_twin.fitting.output_error import initial_states
 from hydro_twin.fitting.parts import Part
+from hydro_twin.fitting.port_signals import PREDICTED, predicted_by_ports
 from hydro_twin.predictors.scores import rms
 from hydro_twin.residual.context import Context, effects_of
 from hydro_twin.residual.criterion import CLEARLY, criterion, gain_p_value
@@ -30,7 +31,7 @@ from hydro_twin.residual.select import (
     refine,
     search,
 )
-from hydro_twin.residual.structure import drift, drifts, predicted_by_ports
+from hydro_twin.residual.structure import drift, drifts
 from hydro_twin.result import NEAR
 
 MOST = 3                # effects in a model
@@ -44,8 +45,7 @@ LATER, AGAIN = 8, 4     # effects fitted in full after the first round, and for 
 ENOUGH = 0.5            # least share above the noise that each takes off, if something is left, or
 #                         if others would take off as much
 AS_MUCH = 0.8           # share of a hysteretic law's gain from which a static one is enough
-PREDICTED = 0.05        # p-value below which the port signals predict the residual
-SURELY_PREDICTED = 1e-4     # and below which they certainly do
+SURELY_PREDICTED = 1e-4     # p-value below which the port signals certainly predict it
 HELD_OUT = 1.2          # ratio of held-out to training error above which it is not chance
 RIVALS = 1.5            # error over that of the effect in place: what leaves more after ten
 #                         evaluations is no rival to it

@@ -4,27 +4,13 @@ from __future__ import annotations
 from collections.abc import Sequence
 import math
 
-import numpy as np
 from scipy import stats
 
+from hydro_twin.fitting.autoregression import autoregression, whiten
 from hydro_twin.fitting.fit import Fit
 from hydro_twin.plants.plant import FloatArray
-from hydro_twin.residual.noise import autoregression, whiten
 
 CLEARLY = 10.0          # difference of the BIC from which one law is preferred to another
-
-
-def by_part(fit: Fit) -> list[FloatArray]:
-    """Split the residual of the output of a fit into its parts."""
-    return by_output(fit)[0]
-
-
-def by_output(fit: Fit) -> list[list[FloatArray]]:
-    """Split the residual of a fit into those of the output, and of each sensor, by part."""
-    pieces = np.split(fit.residual, np.cumsum(fit.lengths)[:-1])
-    outputs = fit.outputs or (0,) * len(pieces)
-    return [[piece / scale for piece, output in zip(pieces, outputs, strict=True) if output == q]
-            for q, scale in enumerate(fit.scales)]
 
 
 def criterion(fits: Sequence[Fit]) -> list[float]:
@@ -34,10 +20,10 @@ def criterion(fits: Sequence[Fit]) -> list[float]:
     a bound; the first summed over the output and the sensors, each with a filter of its own.
     """
     best = min(fits, key=lambda fit: fit.cost)
-    filters = [autoregression(pieces) for pieces in by_output(best)]
+    filters = [autoregression(pieces) for pieces in best.by_output]
     values = []
     for fit in fits:
-        whites = [whiten(*some) for some in zip(by_output(fit), filters, strict=True)]
+        whites = [whiten(*some) for some in zip(fit.by_output, filters, strict=True)]
         pulled = 1.0 + fit.pulled / max(float(fit.residual @ fit.residual), 1e-300)
         free = len(fit.unknowns) - len(fit.at_bound())
         values.append(sum(len(white) * math.log(max(pulled * float(white @ white), 1e-300)
@@ -48,7 +34,7 @@ def criterion(fits: Sequence[Fit]) -> list[float]:
 
 def gain_p_value(before: Fit, after: Fit, tried: int) -> float:
     """Likelihood-ratio test of what the last effect adds, times the number of effects tried."""
-    ratio = sum(likelihood_gain(*some) for some in zip(by_output(before), by_output(after),
+    ratio = sum(likelihood_gain(*some) for some in zip(before.by_output, after.by_output,
                                                        strict=True))
     added = max(1, len(after.unknowns) - len(before.unknowns))
     log_p = float(stats.chi2.logsf(max(ratio, 0.0), added)) + math.log(tried)

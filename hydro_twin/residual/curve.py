@@ -10,6 +10,7 @@ from hydro_twin.effects import Placed
 from hydro_twin.effects.curve import curve, KNOTS, values
 from hydro_twin.fitting.fit import Fit
 from hydro_twin.fitting.parts import Part
+from hydro_twin.fitting.port_signals import predicted_by_ports
 from hydro_twin.model import Model
 from hydro_twin.plants import Port
 from hydro_twin.predictors.system import signal_row
@@ -19,7 +20,7 @@ from hydro_twin.residual.passing import passing
 from hydro_twin.residual.proof import proof, residuals
 from hydro_twin.residual.screen import spans
 from hydro_twin.residual.select import free_run_error, search_all
-from hydro_twin.residual.structure import predicted_by_ports, shows
+from hydro_twin.residual.structure import shows
 from hydro_twin.result import Dependence, Improvement
 
 MOST, KEPT = 8, 3       # curves that are fitted, and of these fitted to convergence

@@ -11,7 +11,6 @@ from hydro_twin.fitting.parts import Part
 from hydro_twin.plants import Plant
 from hydro_twin.recording.series import Recording
 from hydro_twin.residual.chain import HELD_OUT
-from hydro_twin.residual.criterion import by_part
 from hydro_twin.residual.curve import FittedCurve
 from hydro_twin.residual.findings import Finding
 from hydro_twin.residual.noise import Burst, effective_samples
@@ -81,7 +80,7 @@ class Evidence:
     def evidence_left(self) -> float:
         """What the port signals predict of what is left, as a log-likelihood [nats]."""
         share = min(max(self.by_ports[0], 0.0), ALL)
-        return 0.5 * effective_samples(by_part(self.after)) * math.log(1.0 / (1.0 - share))
+        return 0.5 * effective_samples(self.after.by_part) * math.log(1.0 / (1.0 - share))
 
     @property
     def additions(self) -> int:

@@ -21,7 +21,6 @@ from hydro_twin.model import Model
 from hydro_twin.plants.plant import FloatArray
 from hydro_twin.predictors.scores import rms
 from hydro_twin.recording.series import Recording
-from hydro_twin.residual.criterion import by_part
 from hydro_twin.residual.excerpt import excerpt
 from hydro_twin.residual.noise import noise_floor
 from hydro_twin.residual.screen import spans, visible
@@ -113,7 +112,7 @@ def excitation(recording: Recording, model: Model) -> Excitation:
     except DataError as error:
         return Excitation({}, (), 0, (), 0, str(error))
     fit = Problem(model, searched(model), parts).as_it_is().main
-    noise = noise_floor(by_part(fit))
+    noise = noise_floor(fit.by_part)
     # As it would be with nothing left but noise: what there is to be traced must not count.
     fit = replace(fit, residual=noise * np.random.default_rng(0).standard_normal(
         len(fit.residual)))

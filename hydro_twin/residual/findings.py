@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 
 from hydro_twin.effects import Placed
 from hydro_twin.fitting.fit import Fit
-from hydro_twin.residual.criterion import by_part, criterion, gain_p_value
+from hydro_twin.residual.criterion import criterion, gain_p_value
 from hydro_twin.residual.noise import noise_floor
 from hydro_twin.residual.select import Alternative
 
@@ -79,5 +79,5 @@ def share(before: Fit, after: Fit) -> float:
 
 def explained_share(before: Fit, after: Fit) -> float:
     """Share of the mean square error above the noise floor that a later fit removes."""
-    floor = noise_floor(by_part(after))
+    floor = noise_floor(after.by_part)
     return (before.error**2 - after.error**2) / max(before.error**2 - floor**2, 1e-300)

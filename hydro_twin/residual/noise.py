@@ -5,7 +5,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from scipy import linalg, signal, stats
+from scipy import signal, stats
 
 from hydro_twin.plants.plant import FloatArray
 from hydro_twin.predictors.scores import rms
@@ -44,18 +44,6 @@ def _median_bias(samples: int, segment: int) -> float:
     return float(stats.chi2.median(freedom) / freedom)
 
 
-def autoregression(stretches: Sequence[FloatArray], order: int = 6) -> FloatArray:
-    """Fit an autoregressive model (Yule-Walker); returns the whitening filter [1, a1, ...]."""
-    correlation = sum(
-        (np.array([r[:len(r) - lag] @ r[lag:] for lag in range(order + 1)]) for r in stretches),
-        np.zeros(order + 1))
-    if correlation[0] <= 0.0:
-        return np.concatenate([[1.0], np.zeros(order)])
-    correlation[0] *= 1.0 + 1e-9
-    a = linalg.solve_toeplitz(correlation[:-1], correlation[1:])
-    return np.concatenate([[1.0], -a])
-
-
 def effective_samples(stretches: Sequence[FloatArray]) -> float:
     """Count the independent samples that tell the power of a residual as well as it does.
 
@@ -67,12 +55,6 @@ def effective_samples(stretches: Sequence[FloatArray]) -> float:
     correlations = [sum(float(r[:-lag] @ r[lag:]) for r in stretches) / max(power, 1e-300)
                     for lag in lags]
     return len(joined) / (1.0 + 2.0 * float(np.sum(np.square(correlations))))
-
-
-def whiten(stretches: Sequence[FloatArray], filter_: FloatArray) -> FloatArray:
-    """Filter every stretch and join them, without the samples that lack a past."""
-    cut = len(filter_) - 1
-    return np.concatenate([signal.lfilter(filter_, [1.0], r)[cut:] for r in stretches])
 
 
 def lines(stretches: Sequence[FloatArray], sample_time: float, most: int = 5) -> list[Line]:

@@ -30,7 +30,7 @@ from hydro_twin.fitting.whiteness import is_white
 from hydro_twin.model import Model
 from hydro_twin.predictors.scores import rms
 from hydro_twin.residual.apart import by_recording, goes_with_time, joined
-from hydro_twin.residual.criterion import by_part, CLEARLY, criterion
+from hydro_twin.residual.criterion import CLEARLY, criterion
 from hydro_twin.residual.screen import places, Prospect, screen, spans
 from hydro_twin.residual.starts import (
     drift_starts,
@@ -168,7 +168,7 @@ def race(candidates: Sequence[Model], parts: Sequence[Part],
 def nothing_shows(base: Fit, prospects: Sequence[Prospect]) -> bool:
     """Whether the residual is white and no effect has a score above chance."""
     most = max((p.share for p in prospects), default=0.0)
-    return most * len(base.residual) < PROMISING and is_white(by_part(base))
+    return most * len(base.residual) < PROMISING and is_white(base.by_part)
 
 
 def free_run_error(candidate: Model, parts: Sequence[Part]) -> float:

@@ -14,15 +14,15 @@ from scipy import signal
 from scipy.linalg import block_diag
 
 from hydro_twin.effects import Course, Placed
+from hydro_twin.fitting.autoregression import autoregression, whiten
 from hydro_twin.fitting.fit import Fit
 from hydro_twin.fitting.output_error import residuals
 from hydro_twin.fitting.parts import Part
+from hydro_twin.fitting.port_signals import BLOCK
 from hydro_twin.plants.plant import FloatArray
 from hydro_twin.predictors.scores import rms
-from hydro_twin.residual.criterion import by_part
-from hydro_twin.residual.noise import autoregression, whiten
 from hydro_twin.residual.passing import Passing, passing
-from hydro_twin.residual.structure import BLOCK, hats, times, to_output
+from hydro_twin.residual.structure import hats, times, to_output
 from hydro_twin.result import FreeCurve, OverTime, Profile, Shape
 
 KNOTS = 8               # evenly spaced, and as many again at quantiles
@@ -48,7 +48,7 @@ def free_curves(fit: Fit, placed: Placed, seen: Sequence[Passing], name: str) ->
     carry, start_up = to_output(fit.candidate), fit.candidate.start_up
     b = carry.b[:, fit.candidate.plant.ports.index(placed.port)]
     a = np.concatenate([[1.0], carry.a])
-    filter_ = autoregression(by_part(fit))
+    filter_ = autoregression(fit.by_part)
     reach = np.concatenate([p.signals[name] for p in seen])
     knots = _knots(reach, placed.effect.implicit)
 
@@ -169,9 +169,9 @@ def _over_time(fit: Fit, placed: Placed, course: Course, parts: Sequence[Part]) 
     index = str(fit.candidate.effects.index(placed))
     others = [not mine and u.owner != index for mine, u in zip(own, fit.unknowns, strict=True)]
     columns = np.hstack([fit.jacobian[:, own] * hats(time, knots), fit.jacobian[:, others]])
-    filter_, cuts = autoregression(by_part(fit)), np.cumsum(fit.lengths)[:-1]
+    filter_, cuts = autoregression(fit.by_part), np.cumsum(fit.lengths)[:-1]
     X = np.column_stack([whiten(np.split(column, cuts), filter_) for column in columns.T])
-    target = whiten(by_part(fit), filter_)
+    target = whiten(fit.by_part, filter_)
     size = np.maximum(np.linalg.norm(X, axis=0), 1e-300)
     covariance = np.linalg.pinv((X / size).T @ (X / size), rcond=1e-10, hermitian=True)
     found = covariance @ ((X / size).T @ target)

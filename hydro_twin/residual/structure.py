@@ -7,29 +7,22 @@ of the residual, beyond re-tuning, is a dependence that the model lacks, whateve
 from __future__ import annotations
 
 from collections.abc import Sequence
-from itertools import pairwise
 
 import numpy as np
-from scipy import signal, stats
+from scipy import signal
 
 from hydro_twin.effects.curve import KNOTS
 from hydro_twin.fitting.fit import Fit
-from hydro_twin.fitting.output_error import free_run
 from hydro_twin.fitting.parts import Part
-from hydro_twin.fitting.unknowns import label
+from hydro_twin.fitting.port_signals import explained, observe
 from hydro_twin.model import Model
 from hydro_twin.plants.difference_equation import DifferenceEquation, from_state_space
 from hydro_twin.plants.plant import FloatArray
 from hydro_twin.predictors.system import discretise
 from hydro_twin.result import Dependence
 
-BLOCK = 100             # samples, longer than the memory of noise
-FOLDS = 5
-RIDGES = (1e-5, 1e-3, 1e-1)     # of which the best is taken, and counted as three tries
-LAGS = (0.005, 0.025)    # [s]
 LEVEL = 0.01            # of the test, for all dependences together
 WORTH = 0.01            # least share that is reported
-UNBOUNDED = 1e100       # of a column, whose squares would overflow
 DRIFTS = 0.05           # least share of a drift that is reported
 
 
@@ -68,7 +61,7 @@ def free_curves(fit: Fit, parts: Sequence[Part]) -> list[Dependence]:
     """List what a free curve explains at every port over every signal there, the most first."""
     fit, candidate = fit.main, fit.candidate
     carry = to_output(candidate)
-    observed = _observe(candidate, parts)
+    observed = observe(candidate, parts)
     basis, _ = np.linalg.qr(fit.jacobian)
     groups = _groups(candidate)
     found = []
@@ -134,64 +127,6 @@ def drifts(found: tuple[float, float]) -> bool:
     return share > DRIFTS and p_value < LEVEL
 
 
-def explained(columns: FloatArray, residual: FloatArray, basis: FloatArray
-              ) -> tuple[FloatArray, float, float]:
-    """Regress a residual on columns, both less what re-tuning could do (the basis).
-
-    The share of the residual's power is cross-validated: each fifth of the blocks is predicted by
-    the others, so that more columns do not explain more by themselves. The p-value is that of
-    the gain being above zero over the blocks, by Student's test of its mean or by
-    Wilcoxon's of its ranks, which holds for coloured noise as long as the blocks are longer than
-    its memory.
-
-    Args:
-        columns: (N, d).
-        residual: (N,).
-        basis: orthonormal, (N, b).
-
-    Returns:
-        weights of the columns (d,), share, p-value.
-    """
-    # What is carried by laws that are not stable grows without bound, and explains nothing.
-    columns = np.where(np.abs(columns).max(axis=0, initial=0.0) < UNBOUNDED, columns, 0.0)
-    columns = columns - basis @ (basis.T @ columns)
-    residual = residual - basis @ (basis.T @ residual)
-    size = np.linalg.norm(columns, axis=0)
-    size[size <= 1e-9 * size.max(initial=0.0)] = np.inf
-    U, singular, Vt = np.linalg.svd(columns / size, full_matrices=False)
-    kept = singular > 0.03 * singular.max(initial=0.0)
-    if not kept.any():
-        return np.zeros(columns.shape[1]), 0.0, 1.0
-    weights = (Vt[kept].T @ (U[:, kept].T @ residual / singular[kept])) / size
-    scores = U[:, kept] * (singular[kept] / singular[0])
-    count = max(10, len(residual) // BLOCK)
-    gains = max((_gains(scores, residual, count, ridge) for ridge in RIDGES), key=np.sum)
-    power = float(residual @ residual)
-    if power <= 0.0 or np.ptp(gains) <= 0.0:
-        return weights, 0.0, 1.0
-    tests = (stats.ttest_1samp(gains, 0.0, alternative='greater'),
-             stats.wilcoxon(gains, alternative='greater'))
-    return weights, float(gains.sum()) / power, min(1.0, 2.0 * len(RIDGES) * min(
-        float(test.pvalue) for test in tests))
-
-
-def _gains(scores: FloatArray, residual: FloatArray, count: int, ridge: float) -> FloatArray:
-    """Return what each of `count` blocks loses of its power by what the other folds predict."""
-    edges = np.linspace(0, len(residual), count + 1).astype(int)
-    blocks = [slice(a, b) for a, b in pairwise(edges)]
-    grams = np.array([scores[b].T @ scores[b] for b in blocks])
-    crosses = np.array([scores[b].T @ residual[b] for b in blocks])
-    gains = np.empty(count)
-    for fold in range(FOLDS):
-        out = np.arange(count) % FOLDS == fold
-        gram = grams[~out].sum(axis=0) + ridge * np.eye(scores.shape[1])
-        found = np.linalg.solve(gram, crosses[~out].sum(axis=0))
-        for k in np.flatnonzero(out):
-            r = residual[blocks[k]]
-            gains[k] = r @ r - np.sum((r - scores[blocks[k]] @ found) ** 2)
-    return gains
-
-
 def _groups(candidate: Model) -> list[tuple[int, str, int]]:
     """List (port, signal, row of what is seen), with the value of each port itself."""
     plant = candidate.plant
@@ -204,64 +139,8 @@ def _groups(candidate: Model) -> list[tuple[int, str, int]]:
     return groups
 
 
-def _observe(candidate: Model, parts: Sequence[Part]) -> list[FloatArray]:
-    """Run over parts and return what passes at ports and signals."""
-    all_seen = []
-    for part in parts:
-        seen = np.zeros((len(part.inputs), candidate.system.step.sensors))
-        free_run(candidate, part, seen)
-        all_seen.append(np.nan_to_num(seen))
-    return all_seen
-
-
 def _carried(columns: FloatArray, b: FloatArray, a: FloatArray) -> FloatArray:
     """Carry what is added at a port to the output."""
     carried: FloatArray = signal.lfilter(b, np.concatenate([[1.0], a]), columns - columns[:1],
                                          axis=0)
     return carried
-
-
-def predicted_by_ports(fit: Fit, parts: Sequence[Part]) -> tuple[float, float]:
-    """Share of a residual that the port signals predict, in any way, and its p-value.
-
-    The columns are the signals, their odd and even powers and their products in pairs, each at
-    once and through two lags: enough to see that something is left where no single curve shows
-    what. They are those of one sample before, since a controller answers the noise of a sample
-    with the command of the same; nor is what is held against the edge of its range re-tuned, as
-    the timing, by which that command would act at once. Noise, white or coloured, is not
-    predicted.
-    """
-    fit, sample_time = fit.main, fit.candidate.sample_time
-    observed = _observe(fit.candidate, parts)
-    joined = np.concatenate(observed)
-    picked = _distinct(joined)
-    largest = np.abs(joined[:, picked]).max(axis=0)
-    pieces = []
-    for seen in observed:
-        signals = seen[:, picked] / largest
-        count = signals.shape[1]
-        products = [signals[:, i] * signals[:, j] for i in range(count) for j in range(i)]
-        shapes = np.column_stack([signals, np.abs(signals), signals * np.abs(signals),
-                                  signals**3, *products])
-        lagged = [shapes]
-        for lag in LAGS:
-            share = 1.0 - np.exp(-sample_time / lag)
-            lagged.append(signal.lfilter([share], [1.0, share - 1.0], shapes, axis=0))
-        pieces.append(np.column_stack(lagged)[fit.candidate.start_up - 1:-1])
-    held = fit.at_bound()
-    free = [label(unknown) not in held for unknown in fit.unknowns]
-    basis, _ = np.linalg.qr(fit.jacobian[:, free])
-    _, share, p_value = explained(np.concatenate(pieces), fit.residual, basis)
-    return share, p_value
-
-
-def _distinct(seen: FloatArray) -> list[int]:
-    """Pick the columns that are not a multiple of one before."""
-    picked: list[int] = []
-    centred = seen - seen.mean(axis=0)
-    size = np.linalg.norm(centred, axis=0)
-    for k in range(seen.shape[1]):
-        if size[k] > 0.0 and all(abs(centred[:, k] @ centred[:, j]) < 0.999 * size[k] * size[j]
-                                 for j in picked):
-            picked.append(k)
-    return picked

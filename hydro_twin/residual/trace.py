@@ -7,11 +7,13 @@ from dataclasses import replace
 import numpy as np
 
 from hydro_twin.blas import one_thread
+from hydro_twin.fitting.coloured import with_coloured_noise
 from hydro_twin.fitting.fit import Fit
 from hydro_twin.fitting.horizon import errors_over_horizon, needs_horizon
 from hydro_twin.fitting.linear import fit_linear
 from hydro_twin.fitting.outputs import sensors_in
 from hydro_twin.fitting.parts import least_samples, Part, parts_of, with_travel
+from hydro_twin.fitting.port_signals import predicted_by_ports
 from hydro_twin.fitting.whiteness import is_white
 from hydro_twin.model import Model, Record
 from hydro_twin.plants import Plant
@@ -20,7 +22,6 @@ from hydro_twin.predictors.scores import errors_by_series, rms
 from hydro_twin.recording.series import moves_alike, Recording, split, split_by_series
 from hydro_twin.residual.chain import finely, FINEST, grow, supported, without_last, WORTH
 from hydro_twin.residual.context import Context
-from hydro_twin.residual.criterion import by_part
 from hydro_twin.residual.curve import FittedCurve
 from hydro_twin.residual.evaluate import result_of
 from hydro_twin.residual.evidence import Evidence
@@ -38,7 +39,7 @@ from hydro_twin.residual.select import (
     search_all,
     unrefined,
 )
-from hydro_twin.residual.structure import dependences, drift, predicted_by_ports
+from hydro_twin.residual.structure import dependences, drift
 from hydro_twin.residual.weighing import best_named, with_curve
 from hydro_twin.result import (
     Improvement,
@@ -217,7 +218,11 @@ def _search(train: Recording, test: Recording, plant: Plant,
     elif factor > 1:
         before = search(before.candidate, fine, 1)
     after = without_unreached(after, fine)
-    found = found and replace(found, fit=without_unreached(found.fit, fine))
+    if found:
+        found = replace(found, fit=without_unreached(found.fit, fine))
+    else:
+        last, after = after, with_coloured_noise(after, fine)
+        before, base = (after if fit is last else fit for fit in (before, base))
     # What is named must improve the reported figure, too.
     gain, by_horizon = _gain(before, after if found is None else found.fit, test, seed)
     if found and not gain.low > 0.0:
@@ -226,7 +231,7 @@ def _search(train: Recording, test: Recording, plant: Plant,
     if chain.findings and not gain.low > 0.0:
         chain, after = Chain(base), base
         gain, by_horizon = _gain(before, base, test, seed)
-    pieces, left = by_part(after), residuals(after, fine_held_out)
+    pieces, left = after.by_part, residuals(after, fine_held_out)
     traced = Evidence(
         plant=plant, before=before, after=after, train=whole, test=held_out,
         recordings={'train': train, 'test': test}, fitted=fine, hidden=(),

@@ -9,11 +9,12 @@ import numpy as np
 from hydro_twin.effects import Placed
 from hydro_twin.fitting.fit import Fit
 from hydro_twin.fitting.parts import Part
+from hydro_twin.fitting.port_signals import PREDICTED, predicted_by_ports
 from hydro_twin.fitting.whiteness import is_white
 from hydro_twin.predictors.scores import rms
-from hydro_twin.residual.chain import ENOUGH, PREDICTED
+from hydro_twin.residual.chain import ENOUGH
 from hydro_twin.residual.context import Context
-from hydro_twin.residual.criterion import by_part, CLEARLY, criterion
+from hydro_twin.residual.criterion import CLEARLY, criterion
 from hydro_twin.residual.curve import (
     explains_most,
     find_curve,
@@ -26,7 +27,7 @@ from hydro_twin.residual.findings import Chain, explained_share, finding, other_
 from hydro_twin.residual.proof import proof, residuals
 from hydro_twin.residual.reading import readings
 from hydro_twin.residual.select import LONG, search, search_all
-from hydro_twin.residual.structure import free_curves, predicted_by_ports, shows
+from hydro_twin.residual.structure import free_curves, shows
 from hydro_twin.result import BestNamed, Dependence
 
 
@@ -118,7 +119,7 @@ def _contested(chain: Chain, parts: Sequence[Part], curves: Sequence[Dependence]
     """
     ids = [chain.fit.candidate.effects[k].effect.id for k in chain.indices]
     if (any(shows(curve) for curve in curves) or len(set(ids)) < len(ids)
-            or not is_white(by_part(chain.fit))
+            or not is_white(chain.fit.by_part)
             or predicted_by_ports(chain.fit, parts)[1] < PREDICTED):
         return True
     return any(curve.share > ENOUGH and not is_drawn((curve.port, curve.signal), chain.fit,

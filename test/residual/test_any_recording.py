@@ -18,20 +18,20 @@ import pytest
 from hydro_twin.commands.main import main
 from hydro_twin.errors import UserError
 from hydro_twin.fitting.parts import parts_of
+from hydro_twin.fitting.port_signals import predicted_by_ports
 from hydro_twin.fitting.whiteness import is_white
 from hydro_twin.model import Model
 from hydro_twin.plants import PLANTS
 from hydro_twin.recording.rig import read, rig_of
 from hydro_twin.recording.series import Recording
 from hydro_twin.report.summary import summarise
-from hydro_twin.residual.criterion import by_part
 from hydro_twin.residual.curve import find_curve
 from hydro_twin.residual.excerpt import excerpt, harmless_factor, thin
 from hydro_twin.residual.noise import bursts, lines, noise_floor
 from hydro_twin.residual.proof import proof
 from hydro_twin.residual.screen import hidden, screen
 from hydro_twin.residual.select import search
-from hydro_twin.residual.structure import dependences, drift, free_curves, predicted_by_ports
+from hydro_twin.residual.structure import dependences, drift, free_curves
 from hydro_twin.residual.trace import trace
 from hydro_twin.schema import fault
 
@@ -150,7 +150,7 @@ def failed(checks):
 def wrong_answers(fit, parts):
     """Ask all that a trace asks of a fit, but for full fits of effects; name the wrong answers."""
     plant, sample_time = fit.candidate.plant, fit.candidate.sample_time
-    residuals = by_part(fit)
+    residuals = fit.by_part
     curves = dependences(fit, parts)
     tests = [drift(fit, parts), predicted_by_ports(fit, parts),
              *((curve.share, curve.p_value) for curve in curves)]

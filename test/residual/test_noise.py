@@ -5,12 +5,10 @@ from scipy.signal import lfilter
 
 from hydro_twin.fitting.whiteness import is_white
 from hydro_twin.residual.noise import (
-    autoregression,
     Burst,
     bursts,
     lines,
     noise_floor,
-    whiten,
 )
 
 T = 0.002
@@ -49,28 +47,6 @@ def test_noise_floor_is_that_of_the_white_part(memory):
         found.append(noise_floor([2.0 * r + 10 * np.sin(2 * np.pi * 6 * t) for r in sensor]))
     assert np.mean(found) == pytest.approx(2.0, rel=0.03)
     assert np.std(found) < 0.1 * 2.0
-
-
-def test_autoregression_is_the_process():
-    rng = np.random.default_rng(0)
-    r = lfilter([1.0], [1.0, -1.2, 0.6], rng.standard_normal(50_000))
-    found = autoregression([r[:20_000], r[20_000:]], order=3)
-    np.testing.assert_allclose(found, [1.0, -1.2, 0.6, 0.0], atol=0.02)
-
-
-def test_whitened_noise_is_white():
-    passed = 0
-    for seed in range(100):
-        r = noise(seed, 900, 900, memory=0.8)
-        white = whiten(r, autoregression(r))
-        assert len(white) == 2 * (900 - 6)
-        passed += is_white([white])
-    assert passed >= 97
-
-
-def test_silence_has_no_memory():
-    np.testing.assert_array_equal(autoregression([np.zeros(100)]), [1, 0, 0, 0, 0, 0, 0])
-    assert is_white([np.zeros(100)])
 
 
 @pytest.mark.parametrize('memory', [0.0, 0.8])

@@ -10,6 +10,7 @@ from traced_rig import fitted, PLANT, record, VALUES
 from hydro_twin.fitting.linear import fit_linear
 from hydro_twin.fitting.output_error import free_run
 from hydro_twin.fitting.parts import Part, parts_of
+from hydro_twin.fitting.port_signals import explained, predicted_by_ports
 from hydro_twin.model import Model
 from hydro_twin.plants import PLANTS
 from hydro_twin.predictors.system import assemble
@@ -17,9 +18,7 @@ from hydro_twin.residual.screen import hidden, screen, spans
 from hydro_twin.residual.structure import (
     dependences,
     drift,
-    explained,
     hats,
-    predicted_by_ports,
     to_output,
 )
 

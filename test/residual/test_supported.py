@@ -14,7 +14,7 @@ from hydro_twin.model import place
 from hydro_twin.recording.series import Recording
 from hydro_twin.residual.chain import _exchange, _proven, likely, supported
 from hydro_twin.residual.context import Context
-from hydro_twin.residual.criterion import by_part, likelihood_gain
+from hydro_twin.residual.criterion import likelihood_gain
 from hydro_twin.residual.findings import Chain, explained_share, Finding
 from hydro_twin.residual.noise import noise_floor
 from hydro_twin.residual.select import Alternative, search, searched
@@ -71,7 +71,7 @@ def test_what_coloured_noise_leaves_is_nothing_that_is_missing():
         [0.44], [1.0, -0.9], 3.0 * rng.standard_normal(len(one)))}) for one in clean.series]
     make = growing(Recording(tuple(noisy)))
     chain, alone, context = make(FRICTION, BIAS)
-    assert chain.fit.error > 2.0 * noise_floor(by_part(chain.fit))
+    assert chain.fit.error > 2.0 * noise_floor(chain.fit.by_part)
     assert explained_share(make(FRICTION)[0].fit, chain.fit) < 0.5
     assert names(supported(chain, alone, context)) == ['friction', 'bias']
 
@@ -84,7 +84,7 @@ def test_data_that_were_not_fitted_are_likelier_with_what_is_there(grown):
     # The noise is white, so that whitening by its memory changes little.
     assert likelihood_gain(before, after) == pytest.approx(n * np.log(ratio), rel=0.05)
     assert likelihood_gain(after, after) == 0.0
-    assert likelihood_gain(by_part(chain.fit), by_part(alone)) < 0.0
+    assert likelihood_gain(chain.fit.by_part, alone.by_part) < 0.0
 
 
 def test_an_error_that_unusual_parameters_pay_for_is_no_gain_of_an_effect(grown):

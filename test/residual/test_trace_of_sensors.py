@@ -7,13 +7,14 @@ from traced_rig import PLANT, record
 
 from hydro_twin.fitting.linear import fit_linear
 from hydro_twin.fitting.parts import parts_of
+from hydro_twin.fitting.port_signals import predicted_by_ports
 from hydro_twin.model import place
 from hydro_twin.recording.series import Recording
 from hydro_twin.report.summary import summarise
-from hydro_twin.residual.criterion import by_output, by_part, criterion, gain_p_value
+from hydro_twin.residual.criterion import criterion, gain_p_value
 from hydro_twin.residual.screen import screen
 from hydro_twin.residual.select import search
-from hydro_twin.residual.structure import drift, free_curves, predicted_by_ports
+from hydro_twin.residual.structure import drift, free_curves
 from hydro_twin.residual.trace import trace
 from hydro_twin.schema import fault
 
@@ -39,8 +40,8 @@ def test_the_linear_tools_see_the_output_alone_and_the_criterion_all(rubbing):
     fit = fit_linear(plant, parts, PLANT.constant_values(), 0.002, 'physical', timing=True,
                      starts=1)
     scored = sum(len(part.measured) for part in parts) - fit.candidate.start_up
-    assert sum(map(len, by_part(fit))) == scored
-    assert [len(pieces) for pieces in by_output(fit)] == [1, 1, 1, 1]
+    assert sum(map(len, fit.by_part)) == scored
+    assert [len(pieces) for pieces in fit.by_output] == [1, 1, 1, 1]
     assert screen(fit, parts)
     assert free_curves(fit, parts)
     assert drift(fit, parts)[0] < 1.0

@@ -1,0 +1,35 @@
+"""Coloured noise as an autoregressive process, and the filters that whiten it."""
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from scipy import linalg, signal
+
+from hydro_twin.plants.plant import FloatArray
+from hydro_twin.predictors.scores import rms
+
+
+def autoregression(stretches: Sequence[FloatArray], order: int = 6) -> FloatArray:
+    """Fit an autoregressive model (Yule-Walker); returns the whitening filter [1, a1, ...]."""
+    correlation = sum(
+        (np.array([r[:len(r) - lag] @ r[lag:] for lag in range(order + 1)]) for r in stretches),
+        np.zeros(order + 1))
+    if correlation[0] <= 0.0:
+        return np.concatenate([[1.0], np.zeros(order)])
+    correlation[0] *= 1.0 + 1e-9
+    a = linalg.solve_toeplitz(correlation[:-1], correlation[1:])
+    return np.concatenate([[1.0], -a])
+
+
+def whiten(stretches: Sequence[FloatArray], filter_: FloatArray) -> FloatArray:
+    """Filter every stretch and join them, without the samples that lack a past."""
+    cut = len(filter_) - 1
+    return np.concatenate([signal.lfilter(filter_, [1.0], r)[cut:] for r in stretches])
+
+
+def noise_filter(stretches: Sequence[FloatArray]) -> FloatArray:
+    """Return the filter that whitens noise and keeps its power, as a sum of squares."""
+    filter_ = autoregression(stretches)
+    kept = rms(np.concatenate(stretches)) / max(rms(whiten(stretches, filter_)), 1e-300)
+    return filter_ * kept

@@ -1,0 +1,40 @@
+"""Coloured noise as an autoregressive process, on noise whose process is known."""
+import numpy as np
+import pytest
+from scipy.signal import lfilter
+
+from hydro_twin.fitting.autoregression import autoregression, noise_filter, whiten
+from hydro_twin.fitting.whiteness import is_white
+
+
+def coloured(seed, samples, memory):
+    e = np.random.default_rng(seed).standard_normal(samples + 100)
+    return lfilter([np.sqrt(1 - memory**2)], [1, -memory], e)[100:]
+
+
+def test_autoregression_is_the_process():
+    rng = np.random.default_rng(0)
+    r = lfilter([1.0], [1.0, -1.2, 0.6], rng.standard_normal(50_000))
+    found = autoregression([r[:20_000], r[20_000:]], order=3)
+    np.testing.assert_allclose(found, [1.0, -1.2, 0.6, 0.0], atol=0.02)
+
+
+def test_whitened_noise_is_white():
+    passed = 0
+    for seed in range(100):
+        r = [coloured(seed, 900, 0.8), coloured(1000 + seed, 900, 0.8)]
+        white = whiten(r, autoregression(r))
+        assert len(white) == 2 * (900 - 6)
+        passed += is_white([white])
+    assert passed >= 97
+
+
+def test_silence_has_no_memory():
+    np.testing.assert_array_equal(autoregression([np.zeros(100)]), [1, 0, 0, 0, 0, 0, 0])
+
+
+def test_the_filter_of_noise_keeps_its_power():
+    r = coloured(0, 20_000, 0.9)
+    white = whiten([r], noise_filter([r]))
+    assert is_white([white])
+    assert white @ white / len(white) == pytest.approx(r @ r / len(r), rel=1e-9)
