@@ -1,12 +1,12 @@
 """The loop: effects added one after another, until nothing more earns its place."""
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
 
 import numpy as np
 
-from hydro_twin.effects import Effect
+from hydro_twin.effects import Effect, Placed
 from hydro_twin.fitting.fit import Fit
 from hydro_twin.fitting.output_error import initial_states
 from hydro_twin.fitting.parts import Part
@@ -28,11 +28,13 @@ from hydro_twin.residual.proof import improvement, proof, residuals
 from hydro_twin.residual.select import (
     Alternative,
     is_distinguishable,
+    LONG,
     refine,
     search,
+    search_all,
 )
 from hydro_twin.residual.structure import drift, drifts
-from hydro_twin.result import NEAR
+from hydro_twin.result import CLOSE, NEAR
 
 MOST = 3                # effects in a model
 LEVEL = 1e-3            # significance, corrected for all that was tried
@@ -83,7 +85,7 @@ def grow(base: Fit, alternatives: Sequence[Alternative], context: Context) -> Ch
             break
         alternatives = context.fit_alternatives(chain.fit, LATER)
     chain = _proven(chain, base, context)
-    return _refined(chain, chain.findings, context)
+    return _told_apart(_refined(chain, chain.findings, context), context)
 
 
 def _memoryless_first(alternatives: Sequence[Alternative], base: Fit, context: Context
@@ -158,9 +160,10 @@ def likely(before: Fit, after: Fit, worth: float) -> bool:
 def _proven(chain: Chain, without: Fit, context: Context) -> Chain:
     """Drop the effects that do not improve held-out data, the least helpful first.
 
-    An effect helps if the whole interval of the improvement is above zero. Where one could only
-    be left out because another took its place as a simpler law, as a hysteresis that is never
-    crossed and so is a constant of each window, the other is dropped.
+    An effect helps if the whole interval of the improvement is above zero. One that does not
+    gives way to an effect that the training data hardly tell from it, if that helps. Where one
+    could only be left out because another took its place as a simpler law, as a hysteresis that
+    is never crossed and so is a constant of each window, the other is dropped.
 
     Short held-out data may not prove each of two effects without the other, as a dead zone with a
     limit behind it. Where none would be left, those stay that surely help together, if each is
@@ -182,6 +185,8 @@ def _proven(chain: Chain, without: Fit, context: Context) -> Chain:
     if not fails:
         return chain
     least = min(fails, key=lambda k: gains[k].low)
+    if instead := _unrefuted(chain, least, bare[least], context):
+        return _proven(instead, without, context)
     rest = other_findings(chain, least)
     for k, found in enumerate(rest):
         if not is_distinguishable(bare[least], context.parts, found.index):
@@ -194,6 +199,57 @@ def _proven(chain: Chain, without: Fit, context: Context) -> Chain:
         return smaller
     before = residuals(without, context.held_out)
     return chain if improvement(before, after, context.seed).low > 0.0 else smaller
+
+
+def _unrefuted(chain: Chain, k: int, without: Fit, context: Context) -> Chain | None:
+    """Put a close rival in the place of an effect that does not improve held-out data.
+
+    Args:
+        chain: a model that has grown.
+        k: which of its findings fails.
+        without: the fit without that.
+        context: the data.
+
+    Returns:
+        The model with the first close rival that improves held-out data; None if none does. Those
+        that do not are no longer rivals.
+    """
+    found = chain.findings[k]
+    for tries, ((_, distance), fit) in enumerate(_close_rivals(chain, k, context), 1):
+        if proof(without, fit, context.held_out, context.seed).low > 0.0:
+            instead = replace(
+                finding(without, fit, (), found.index),
+                rivals=tuple((placed, d - distance) for placed, d in found.rivals[tries:]))
+            return Chain(fit, (*chain.findings[:k], instead, *chain.findings[k + 1:]))
+    return None
+
+
+def _told_apart(chain: Chain, context: Context) -> Chain:
+    """Drop close rivals that held-out data refute.
+
+    A stop and a limit behind which the state winds up differ only in how they are left, which the
+    training data may not show.
+    """
+    kept = []
+    for k, found in enumerate(chain.findings):
+        refuted = [rival for rival, fit in _close_rivals(chain, k, context)
+                   if proof(fit, chain.fit, context.held_out, context.seed).low > 0.0]
+        kept.append(replace(found, rivals=tuple(
+            rival for rival in found.rivals if rival not in refuted)))
+    return replace(chain, findings=tuple(kept))
+
+
+def _close_rivals(chain: Chain, k: int, context: Context
+                  ) -> Iterator[tuple[tuple[Placed, float], Fit]]:
+    """Fit each close rival in the place of an effect."""
+    found, candidate = chain.findings[k], chain.fit.candidate
+    close = [rival for rival in found.rivals if rival[1] < CLOSE]
+    others = candidate.effects[:found.index], candidate.effects[found.index + 1:]
+    fits = search_all([
+        replace(candidate, effects=(*others[0], placed, *others[1]),
+                timing={} if placed.effect.shifts else candidate.timing)
+        for placed, _ in close], context.parts, LONG)
+    return zip(close, fits, strict=True)
 
 
 def supported(chain: Chain, without: Fit, context: Context) -> Chain:

@@ -204,6 +204,29 @@ def test_a_cylinder_between_its_stops_has_all_three_names():
     assert found.after.errors['after']['free_run']['test'] < 5e-4
 
 
+@pytest.mark.slow
+def test_held_out_data_tell_apart_what_the_training_data_cannot():
+    """The servo never leaves its stop in the training part, where a limit would do as well."""
+    plant = plant_named('valve_servo')
+    values = plant.constant_values() | {'T_y': 0.015, 'T_c': 0.2, 'tau': 0.005, 'k_1': 1.0}
+    stop = place('end_stop', 'actuator', {'lower': 0.0, 'upper': 0.65}, plant)
+    rng = np.random.default_rng(0)
+
+    def recorded(ends, times, start):
+        """Record ramps that begin at rest."""
+        one = simulate(plant, values, [stop], {'command': lambda t: np.interp(t, times, ends)},
+                       6.0, start=start)
+        return replace(one, columns={
+            **one.columns, 'opening': one['opening'] + 1e-3 * rng.standard_normal(len(one))})
+
+    up = recorded([0.4, 0.4, 0.55, 0.3, 0.85, 0.85], [0.0, 0.3, 1.0, 2.0, 4.5, 6.0], 0)
+    back = recorded([0.4, 0.4, 0.9, 0.3, 0.5, 0.5], [0.0, 0.3, 2.5, 4.0, 5.0, 6.0], 10**11)
+    report = summarise(trace(Recording((up,)), Recording((back,)), plant))
+    assert named(report) == [('end_stop', 'actuator')]
+    assert 'saturation' not in {r['id'] for r in report['effects'][0]['rivals']
+                                if r['delta_bic'] < 10.0}
+
+
 def test_the_linear_fit_is_no_worse_than_that_of_refit(monkeypatch):
     """Though its own search ends in a local minimum."""
     fit, parts, _ = fitted(record(count=1, duration=1.2))
