@@ -83,7 +83,7 @@ def test_with_sensors_live_is_replay_to_the_last_digit_and_one_may_fail(
                   'all is predicted')
         rig.status('input /load_simulator/pressure', 'nothing for')
     assert [stamp_of(m) for m in predictions] == stamps
-    assert [m.effort[0] for m in predictions] == expected.tolist()
-    assert [m.position.tolist() for m in states] == estimates.reshape(SAMPLES, -1).tolist()
+    np.testing.assert_array_equal([m.effort[0] for m in predictions], expected)
+    np.testing.assert_array_equal([m.position for m in states], estimates.reshape(SAMPLES, -1))
     deviation = estimates[:, 1, PLANT.states.index('p_L')]
     assert np.median(deviation[-500:]) > 1.2 * np.median(deviation[500:1000])
