@@ -11,9 +11,8 @@ import argparse
 from collections.abc import Mapping
 
 import numpy as np
-from scipy.signal import lfilter
 
-from benchmarks.tracing.signals import command
+from benchmarks.tracing.signals import command, noise
 from hydro_twin.fitting.coloured import with_coloured_noise
 from hydro_twin.fitting.fit import Fit
 from hydro_twin.fitting.linear import fit_linear
@@ -33,14 +32,6 @@ EXCITATIONS = ('steps', 'multisine', 'chirp')
 SHOWN = ('K_p', 'K_ce', 'B_m', 'K_q*K_sv')      # what such recordings determine well
 
 
-def noise(rng: np.random.Generator, memory: float) -> FloatArray:
-    """Draw autoregressive noise of first order, RMS 1."""
-    settle = 200
-    driven = np.sqrt(1.0 - memory**2) * rng.standard_normal(SAMPLES + settle)
-    drawn: FloatArray = lfilter([1.0], [1.0, -memory], driven)[settle:]
-    return drawn
-
-
 def recorded(excitation: str, memory: float, seed: int) -> list[Part]:
     """Record the rig."""
     rng, T = np.random.default_rng(seed), PLANT.sample_time
@@ -50,7 +41,7 @@ def recorded(excitation: str, memory: float, seed: int) -> list[Part]:
         inputs = np.column_stack([AMPLITUDE * command(excitation, k, t, rng),
                                   0.02 * np.sin(2.0 * np.pi * 1.3 * t)])
         y = system.run(inputs, system.start(inputs[0], 0.0))
-        y += 10.0**(-SNR / 20.0) * rms(y - y.mean()) * noise(rng, memory)
+        y += 10.0**(-SNR / 20.0) * rms(y - y.mean()) * noise(SAMPLES, rng, memory)
         parts.append(Part(inputs, y, start=k * 10_000_000_000))
     return parts
 

@@ -97,20 +97,22 @@ def errors_over_horizon(model: Model, recording: Recording) -> list[FloatArray]:
     return fitted_residuals(model, horizon_windows(parts, model.plant, model.sample_time))
 
 
-def needs_horizon(model: Model, recording: Recording) -> bool:
-    """Whether a free run of a recording says more of its starts than of the laws.
+def judged_errors(model: Model, recording: Recording) -> tuple[list[FloatArray], bool]:
+    """Return the errors that say most of the laws, and whether they are over a horizon.
 
-    So it does where the plant integrates; and where it forgets slowly, so that the error of a
-    start, which few samples show, lasts.
+    A free run says more of its starts where the plant integrates; and where it forgets slowly, so
+    that the error of a start, which few samples show, lasts.
 
     Raises:
         DataError: no series is long enough.
     """
+    over_horizon = errors_over_horizon(model, recording)
     if model.plant.integrates:
-        return True
+        return over_horizon, True
     free = errors_by_series(Analytical(model), recording.series, 'free_run')
-    own = rms(np.concatenate(errors_over_horizon(model, recording)))
-    return not rms(np.concatenate(free)) <= OF_START * own
+    if rms(np.concatenate(free)) <= OF_START * rms(np.concatenate(over_horizon)):
+        return free, False
+    return over_horizon, True
 
 
 def horizon_errors(model: Model, parts: Mapping[str, Recording]) -> dict[str, dict[str, float]]:

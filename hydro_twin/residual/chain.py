@@ -85,7 +85,7 @@ def grow(base: Fit, alternatives: Sequence[Alternative], context: Context) -> Ch
             break
         alternatives = context.fit_alternatives(chain.fit, LATER)
     chain = _proven(chain, base, context)
-    return _told_apart(_refined(chain, chain.findings, context), context)
+    return _without_refuted(_refined(chain, chain.findings, context), context)
 
 
 def _memoryless_first(alternatives: Sequence[Alternative], base: Fit, context: Context
@@ -224,7 +224,7 @@ def _unrefuted(chain: Chain, k: int, without: Fit, context: Context) -> Chain | 
     return None
 
 
-def _told_apart(chain: Chain, context: Context) -> Chain:
+def _without_refuted(chain: Chain, context: Context) -> Chain:
     """Drop close rivals that held-out data refute.
 
     A stop and a limit behind which the state winds up differ only in how they are left, which the

@@ -32,7 +32,7 @@ class Evidence:
         fitted: what of the training parts was fitted: all, or stretches of a long recording.
         hidden: effects that the recording could not have shown, if the model fits.
         improvement: of what is judged, see `TraceResult`, by what was named and by the curve.
-        by_horizon: whether that is the error over a horizon, see `needs_horizon`.
+        by_horizon: whether that is the error over a horizon, see `judged_errors`.
         held_out_error: RMS of the residual of `after` on the like of the test parts, but for
             their initial states.
         floor: estimated RMS of the noise.

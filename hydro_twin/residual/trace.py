@@ -9,7 +9,7 @@ import numpy as np
 from hydro_twin.blas import one_thread
 from hydro_twin.fitting.coloured import with_coloured_noise
 from hydro_twin.fitting.fit import Fit
-from hydro_twin.fitting.horizon import errors_over_horizon, needs_horizon
+from hydro_twin.fitting.horizon import errors_over_horizon, judged_errors
 from hydro_twin.fitting.linear import fit_linear
 from hydro_twin.fitting.outputs import sensors_in
 from hydro_twin.fitting.parts import least_samples, Part, parts_of, with_travel
@@ -273,10 +273,9 @@ def _gain(before: Fit, after: Fit, test: Recording, seed: int) -> tuple[Improvem
     Returns:
         The improvement, and whether it is that of the error over a horizon.
     """
-    by_horizon = needs_horizon(after.candidate, test)
-    first, then = (errors_over_horizon(fit.candidate, test) if by_horizon else
-                   errors_by_series(Analytical(fit.candidate), test.series, 'free_run')
-                   for fit in (before, after))
+    then, by_horizon = judged_errors(after.candidate, test)
+    first = (errors_over_horizon(before.candidate, test) if by_horizon else
+             errors_by_series(Analytical(before.candidate), test.series, 'free_run'))
     return improvement(first, then, seed), by_horizon
 
 

@@ -1,15 +1,11 @@
 """Coloured noise as an autoregressive process, on noise whose process is known."""
+from coloured_noise import coloured
 import numpy as np
 import pytest
 from scipy.signal import lfilter
 
 from hydro_twin.fitting.autoregression import autoregression, noise_filter, whiten
 from hydro_twin.fitting.whiteness import is_white
-
-
-def coloured(seed, samples, memory):
-    e = np.random.default_rng(seed).standard_normal(samples + 100)
-    return lfilter([np.sqrt(1 - memory**2)], [1, -memory], e)[100:]
 
 
 def test_autoregression_is_the_process():

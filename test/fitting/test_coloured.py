@@ -1,10 +1,10 @@
 """The fit by the likelihood of coloured noise, and when what is left is not taken for such."""
 from dataclasses import replace
 
+from coloured_noise import coloured
 import numpy as np
 import pytest
 from scipy.linalg import toeplitz
-from scipy.signal import lfilter
 
 from hydro_twin.fitting.coloured import with_coloured_noise
 from hydro_twin.fitting.fit import Fit
@@ -22,12 +22,6 @@ VALVE = plant_named('control_valve')
 DT = 0.002
 
 
-def noise(seed, samples, memory, size):
-    """AR(1) of a given RMS."""
-    e = np.random.default_rng(seed).standard_normal(samples + 200)
-    return size * np.sqrt(1 - memory**2) * lfilter([1.0], [1.0, -memory], e)[200:]
-
-
 def steps(seed, memory, *effects, sensor=None):
     """Two parts of 3 s: random steps of the command, noise of 0.5 N m on the torque."""
     model = Model(PLANT, VALUES, DT, tuple(place(*effect, PLANT) for effect in effects),
@@ -40,7 +34,7 @@ def steps(seed, memory, *effects, sensor=None):
         inputs = np.column_stack([u, 0.02 * np.sin(2 * np.pi * 1.3 * t)])
         part = Part(inputs, np.zeros(len(t)), start=10_000_000_000 * k)
         clean = model.system.run(inputs, model.system.start(inputs[0], 0.0))
-        parts.append(replace(part, measured=clean + noise(100 * seed + k, len(t), memory, 0.5)))
+        parts.append(replace(part, measured=clean + coloured(100 * seed + k, len(t), memory, 0.5)))
     return parts
 
 
@@ -56,7 +50,7 @@ def test_is_generalised_least_squares():
     true = Model(VALVE, {'tau': 0.3, 'K': 1.0}, 0.1)
     shape = true.system.run(command[:, None], np.array([0.0]))
     start = true.system.free_response(n)[:, 0]
-    part = Part(command[:, None], shape + noise(5, n, memory, 0.3))
+    part = Part(command[:, None], shape + coloured(5, n, memory, 0.3))
     unknowns = [u for u in plant_unknowns(VALVE, 'physical') if u.name == 'K']
     filter_ = np.array([1.0, -memory])
     found = Problem(true, unknowns, [part], [filter_]).solve(tolerance=1e-12)
@@ -104,12 +98,12 @@ def test_estimates_scatter_less_and_as_much_as_is_said():
     for seed in range(30):
         parts = steps(seed, 0.9)
         fit = fitted(parts)
-        coloured = with_coloured_noise(fit, parts)
-        assert coloured.whitened
-        for name, one in (('ordinary', fit), ('coloured', coloured)):
+        again = with_coloured_noise(fit, parts)
+        assert again.whitened
+        for name, one in (('ordinary', fit), ('coloured', again)):
             errors[name].append([np.log(one.candidate.values[p] / VALUES[p])
                                  for p in ('K_p', 'K_ce', 'B_m')])
-        known = coloured.identifiability().std_error
+        known = again.identifiability().std_error
         within.append([abs(error) < 2.0 * known[p]
                        for p, error in zip(('K_p', 'K_ce', 'B_m'), errors['coloured'][-1],
                                            strict=True)])

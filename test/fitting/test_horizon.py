@@ -5,8 +5,8 @@ import pytest
 from hydro_twin.fitting.horizon import (
     errors_over_horizon,
     horizon_errors,
+    judged_errors,
     moving_windows,
-    needs_horizon,
 )
 from hydro_twin.fitting.parts import parts_of
 from hydro_twin.model import Model
@@ -73,11 +73,11 @@ def test_a_valve_that_forgets_its_start_slowly_needs_a_horizon(tau, needed):
     opening = 0.5 + 0.01 * np.random.default_rng(0).standard_normal(400)
     opening[0] = 0.6
     recording = Recording((Series({'command': np.full(400, 0.5), 'opening': opening}, 0.1),))
-    assert needs_horizon(model, recording) == needed
+    assert judged_errors(model, recording)[1] == needed
 
 
 def test_a_plant_that_integrates_needs_a_horizon():
-    assert needs_horizon(cylinder(0.1), Recording((stroke(20.0, 0.1),)))
+    assert judged_errors(cylinder(0.1), Recording((stroke(20.0, 0.1),)))[1]
 
 
 def test_standing_at_a_stop_is_left_out_of_a_plain_fit():
