@@ -33,3 +33,21 @@ def noise_filter(stretches: Sequence[FloatArray]) -> FloatArray:
     filter_ = autoregression(stretches)
     kept = rms(np.concatenate(stretches)) / max(rms(whiten(stretches, filter_)), 1e-300)
     return filter_ * kept
+
+
+def effective_samples(stretches: Sequence[FloatArray]) -> float:
+    """Count the independent samples that show the power of a residual as well as it does.
+
+    N / (1 + 2 sum of the squared autocorrelations) [Bartlett 1946], up to a quarter of the longest
+    stretch. Each square is reduced by what white noise has.
+    """
+    lags = max(map(len, stretches)) // 4
+    products, counts = np.zeros(lags + 1), np.zeros(lags + 1)
+    for r in stretches:
+        reach = min(lags + 1, len(r))
+        products[:reach] += signal.correlate(r, r, method='fft')[len(r) - 1:len(r) - 1 + reach]
+        counts[:reach] += len(r) - np.arange(reach)
+    if not products[0] > 0.0:
+        return float(counts[0])
+    squares, scatter = (products[1:] / products[0])**2, counts[1:] / counts[0]**2
+    return float(counts[0] * min((1.0 + 2.0 * scatter.sum()) / (1.0 + 2.0 * squares.sum()), 1.0))

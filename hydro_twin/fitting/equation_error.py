@@ -7,21 +7,25 @@ the next.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+import math
 
 import numpy as np
 
 from hydro_twin.errors import DataError
 from hydro_twin.fitting.coefficients import coefficients_of
 from hydro_twin.fitting.one_step import least_squares
-from hydro_twin.fitting.parts import Part
+from hydro_twin.fitting.parts import Part, thin
 from hydro_twin.fitting.regression import regression
 from hydro_twin.plants import Plant
 from hydro_twin.recording.series import Series
 
+STEPS = (1, 4, 16)      # samples in a step: twice that hardly changes a fit, a tenth often does
+DIFFERENT = 1.5         # ratio of a parameter in two fits, from which both are worth a search
+
 
 def one_step_values(plant: Plant, parts: Sequence[Part], constants: Mapping[str, float],
-                    sample_time: float, seed: int = 0) -> dict[str, float] | None:
-    """Fit the parameters of a plant within their box by the one-step error.
+                    sample_time: float, seed: int = 0) -> list[dict[str, float]]:
+    """Fit the parameters of a plant within their box by the one-step error, for several steps.
 
     Args:
         plant: the plant.
@@ -31,8 +35,25 @@ def one_step_values(plant: Plant, parts: Sequence[Part], constants: Mapping[str,
         seed: of the starts.
 
     Returns:
-        The parameters by name; None where the parts do not allow such a fit.
+        The parameters by name, of each fit that differs from those with shorter steps; none where
+        the parts do not allow such a fit.
     """
+    found: list[dict[str, float]] = []
+    for factor in STEPS:
+        values = _one_step_fit(plant, thin(parts, plant, factor), constants,
+                               factor * sample_time, seed)
+        if values is not None and all(_differ(values, other) for other in found):
+            found.append(values)
+    return found
+
+
+def _differ(a: Mapping[str, float], b: Mapping[str, float]) -> bool:
+    """Whether any parameter differs by so much that a search from there may end otherwise."""
+    return any(abs(math.log(a[name] / b[name])) > math.log(DIFFERENT) for name in a)
+
+
+def _one_step_fit(plant: Plant, parts: Sequence[Part], constants: Mapping[str, float],
+                  sample_time: float, seed: int) -> dict[str, float] | None:
     inputs = [signal.name for signal in plant.inputs]
     series = [Series({plant.output.name: part.measured,
                       **dict(zip(inputs, part.inputs.T, strict=True))}, sample_time)

@@ -8,6 +8,7 @@ import math
 import numpy as np
 
 from hydro_twin.effects import Placed
+from hydro_twin.fitting.equation_error import one_step_values
 from hydro_twin.fitting.fit import Fit
 from hydro_twin.fitting.output_error import residuals
 from hydro_twin.fitting.parts import Part
@@ -26,8 +27,8 @@ def fit_linear(plant: Plant, parts: Sequence[Part], constants: Mapping[str, floa
                starts: int = 3, effects: tuple[Placed, ...] = ()) -> Fit:
     """Fit the parameters of the plant from several starts; the best fit is returned.
 
-    The starts are the middle of the box and the best of random draws in it. A residual that
-    effects have bent leads a single start astray.
+    The starts are the middle of the box, the best of random draws in it, and the best fit by the
+    one-step error. A residual that effects have bent leads a single start astray.
 
     Args:
         plant: the plant.
@@ -37,7 +38,7 @@ def fit_linear(plant: Plant, parts: Sequence[Part], constants: Mapping[str, floa
         within: 'box' or 'physical', see `plant_unknowns`.
         timing: whether commands may act up to a sample before their stamps say.
         seed: of the draws.
-        starts: how many searches are made.
+        starts: how many searches are made from the box.
         effects: known ones, which stay as they are.
     """
     unknowns = plant_unknowns(plant, within)
@@ -46,7 +47,7 @@ def fit_linear(plant: Plant, parts: Sequence[Part], constants: Mapping[str, floa
     rng = np.random.default_rng(seed)
     base = Model(plant, {**constants, **plant.middle()}, sample_time, effects,
                  substeps=GIVEN if effects else SUBSTEPS)
-    draws = [base] + [
+    draws = [
         replace(base, values={**base.values, **{
             p.name: float(math.exp(rng.uniform(math.log(p.lower), math.log(p.upper))))
             for p in plant.parameters}})
@@ -56,6 +57,8 @@ def fit_linear(plant: Plant, parts: Sequence[Part], constants: Mapping[str, floa
     def error(candidate: Model) -> float:
         return rms(np.nan_to_num(np.concatenate(residuals(candidate, some)), nan=1e30))
 
-    tried = [draws[0], *sorted(draws[1:], key=error)[:starts - 1]]
+    by_one_step = [replace(base, values={**base.values, **values})
+                   for values in one_step_values(plant, parts, constants, sample_time, seed)]
+    tried = [base, *sorted(draws, key=error)[:starts - 1], *sorted(by_one_step, key=error)[:1]]
     fits = solve_all([Problem(candidate, unknowns, parts) for candidate in tried])
     return min(fits, key=lambda fit: fit.cost)

@@ -111,3 +111,19 @@ def least_samples(plant: Plant, sample_time: float) -> int:
     """Count the samples that a series must have to be fitted: as many scored as for its start."""
     start_up = plant.start_samples(sample_time)
     return start_up + max(start_up, SCORED)
+
+
+def thin(parts: Sequence[Part], plant: Plant, factor: int) -> list[Part]:
+    """Keep every so many samples; of commands, which are held, the mean until the next."""
+    if factor == 1:
+        return list(parts)
+    thinned = []
+    for part in parts:
+        n = len(part.measured) // factor * factor
+        held = part.inputs[:n].reshape(-1, factor, part.inputs.shape[1]).mean(axis=1)
+        inputs = np.where([signal.held for signal in plant.inputs], held, part.inputs[:n:factor])
+        thinned.append(replace(part, inputs=np.ascontiguousarray(inputs),
+                               measured=np.ascontiguousarray(part.measured[:n:factor]),
+                               sensors={name: column[:n:factor]
+                                        for name, column in part.sensors.items()}))
+    return thinned

@@ -26,8 +26,8 @@ POSITIONING = Plant(
     sensors=(Signal('v', 'velocity', 'm/s'),),
     states=('v', 'x'),
     parameters=(
-        Parameter('M', 'moving mass', 'kg', 1.0, 1e3, 1e-4, 1e6),
-        Parameter('F_v', 'viscous friction', 'N s/m', 1.0, 1e4, 1e-4, 1e7),
+        Parameter('M', 'moving mass', 'kg', 1e-3, 1e3, 1e-6, 1e6),
+        Parameter('F_v', 'viscous friction', 'N s/m', 1e-3, 1e4, 1e-6, 1e7),
     ),
     constants=(),
     ports=(

@@ -27,11 +27,13 @@ from hydro_twin.residual.findings import (
 from hydro_twin.residual.proof import improvement, proof, residuals
 from hydro_twin.residual.select import (
     Alternative,
+    fit_alternatives,
     is_distinguishable,
     LONG,
     refine,
     search,
     search_all,
+    unsearched,
 )
 from hydro_twin.residual.structure import drift, drifts
 from hydro_twin.result import CLOSE, NEAR
@@ -80,12 +82,13 @@ def grow(base: Fit, alternatives: Sequence[Alternative], context: Context) -> Ch
         context.remember(fit)
         context.remember(better)
         chain = _exchange(Chain(better, (*chain.findings, found)), context)
-        chain = _refined(chain, chain.findings[:-1], context)
+        chain = _simplified(_refined(chain, chain.findings[:-1], context), context)
         if len(chain.findings) == MOST:
             break
         alternatives = context.fit_alternatives(chain.fit, LATER)
     chain = _proven(chain, base, context)
-    return _without_refuted(_refined(chain, chain.findings, context), context)
+    chain = _simplified(_refined(chain, chain.findings, context), context)
+    return _without_refuted(chain, context)
 
 
 def _memoryless_first(alternatives: Sequence[Alternative], base: Fit, context: Context
@@ -134,6 +137,32 @@ def _refined(chain: Chain, findings: Sequence[Finding], context: Context) -> Cha
     """Refine effects again, now that what came after them no longer biases them."""
     for found in findings:
         chain = replace(chain, fit=refine([chain.fit], context.parts, found.index)[0])
+        context.remember(chain.fit)
+    return chain
+
+
+def _simplified(chain: Chain, context: Context) -> Chain:
+    """Put another effect in the place of each that is no longer distinguished from a simpler one.
+
+    Beside a later effect a dead zone may shrink to nothing about a centre, and so be a bias.
+    """
+    for _ in chain.findings:
+        k = next((k for k, found in enumerate(chain.findings) if not is_distinguishable(
+            chain.fit, context.parts, found.index)), None)
+        if k is None:
+            break
+        found, rest = chain.findings[k], other_findings(chain, k)
+        (without,) = context.without(chain.fit, [found.index])
+        # With all else as it is beside the effect: refitted without it, it may lead astray.
+        bare = unsearched(chain.fit.candidate.without(found.index), context.parts)
+        alternatives = fit_alternatives(bare, context.parts, context.times, AGAIN, False,
+                                        context.progress)
+        if alternatives and likely(without, alternatives[0].fit, WORTH):
+            first, *others = alternatives
+            instead = finding(without, first.fit, in_place(others), len(bare.candidate.effects))
+            chain = Chain(first.fit, (*rest, instead))
+        else:
+            chain = Chain(without, rest)
         context.remember(chain.fit)
     return chain
 

@@ -4,31 +4,34 @@ from __future__ import annotations
 from collections.abc import Sequence
 import math
 
+import numpy as np
 from scipy import stats
 
-from hydro_twin.fitting.autoregression import autoregression, whiten
+from hydro_twin.fitting.autoregression import autoregression, effective_samples, whiten
 from hydro_twin.fitting.fit import Fit
 from hydro_twin.plants.plant import FloatArray
+from hydro_twin.predictors.scores import rms
 
 CLEARLY = 10.0          # difference of the BIC from which one law is preferred to another
 
 
 def criterion(fits: Sequence[Fit]) -> list[float]:
-    """BIC of fits to the same parts, their residuals whitened by the filters of the best.
+    """BIC of fits to the same parts, with the effective number of samples of the best.
 
-    N ln(S/N) + d ln N, with S the sum of squares and d the number of unknowns that are not at
-    a bound; the first summed over the output and the sensors, each with a filter of its own.
+    N ln(S/n) + d ln N, with S the sum of squares of n samples, N the number of independent ones
+    that say as much, and d the number of unknowns that are not at a bound; the first summed over
+    the output and the sensors.
     """
     best = min(fits, key=lambda fit: fit.cost)
-    filters = [autoregression(pieces) for pieces in best.by_output]
+    counts = [effective_samples(pieces) for pieces in best.by_output]
     values = []
     for fit in fits:
-        whites = [whiten(*some) for some in zip(fit.by_output, filters, strict=True)]
         pulled = 1.0 + fit.pulled / max(float(fit.residual @ fit.residual), 1e-300)
         free = len(fit.unknowns) - len(fit.at_bound())
-        values.append(sum(len(white) * math.log(max(pulled * float(white @ white), 1e-300)
-                                                / len(white)) for white in whites if len(white))
-                      + free * math.log(sum(map(len, whites))))
+        powers = [rms(np.concatenate(pieces))**2 for pieces in fit.by_output]
+        values.append(sum(count * math.log(max(pulled * power, 1e-300))
+                          for count, power in zip(counts, powers, strict=True))
+                      + free * math.log(sum(counts)))
     return values
 
 

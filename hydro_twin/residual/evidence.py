@@ -5,6 +5,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 import math
 
+from hydro_twin.fitting.autoregression import effective_samples
 from hydro_twin.fitting.fit import Fit
 from hydro_twin.fitting.identifiability import Identifiability
 from hydro_twin.fitting.parts import Part
@@ -13,7 +14,7 @@ from hydro_twin.recording.series import Recording
 from hydro_twin.residual.chain import HELD_OUT
 from hydro_twin.residual.curve import FittedCurve
 from hydro_twin.residual.findings import Finding
-from hydro_twin.residual.noise import Burst, effective_samples
+from hydro_twin.residual.noise import Burst
 from hydro_twin.result import BestNamed, Dependence, Hidden, Improvement, Line, Memory
 
 LOUD = 6.0              # error over that of the noise, beyond which it cannot all be noise

@@ -16,7 +16,7 @@ import numpy as np
 from hydro_twin.fitting.fit import Fit
 from hydro_twin.fitting.horizon import horizon_windows, windows
 from hydro_twin.fitting.output_error import initial_states
-from hydro_twin.fitting.parts import least_samples, Part
+from hydro_twin.fitting.parts import least_samples, Part, thin
 from hydro_twin.model import Model
 from hydro_twin.plants import Plant
 from hydro_twin.predictors.scores import rms
@@ -64,22 +64,6 @@ def excerpt(parts: Sequence[Part], plant: Plant, sample_time: float, factor: int
             begin = int(n * k / count + rng.uniform() * (n / count - length))
             cut.append(part.cut(begin, begin + length, sample_time))
     return cut[::max(1, len(cut) * scored // (2 * enough))]
-
-
-def thin(parts: Sequence[Part], plant: Plant, factor: int) -> list[Part]:
-    """Keep every so many samples; of commands, which are held, the mean until the next."""
-    if factor == 1:
-        return list(parts)
-    thinned = []
-    for part in parts:
-        n = len(part.measured) // factor * factor
-        held = part.inputs[:n].reshape(-1, factor, part.inputs.shape[1]).mean(axis=1)
-        inputs = np.where([signal.held for signal in plant.inputs], held, part.inputs[:n:factor])
-        thinned.append(replace(part, inputs=np.ascontiguousarray(inputs),
-                               measured=np.ascontiguousarray(part.measured[:n:factor]),
-                               sensors={name: column[:n:factor]
-                                        for name, column in part.sensors.items()}))
-    return thinned
 
 
 def resampled(candidate: Model, sample_time: float) -> Model:

@@ -44,19 +44,6 @@ def _median_bias(samples: int, segment: int) -> float:
     return float(stats.chi2.median(freedom) / freedom)
 
 
-def effective_samples(stretches: Sequence[FloatArray]) -> float:
-    """Count the independent samples that tell the power of a residual as well as it does.
-
-    N / (1 + 2 sum of the squared autocorrelations) [Bartlett 1946].
-    """
-    joined = np.concatenate(stretches)
-    power = float(joined @ joined)
-    lags = range(1, min(SPELL, min(map(len, stretches))))
-    correlations = [sum(float(r[:-lag] @ r[lag:]) for r in stretches) / max(power, 1e-300)
-                    for lag in lags]
-    return len(joined) / (1.0 + 2.0 * float(np.sum(np.square(correlations))))
-
-
 def lines(stretches: Sequence[FloatArray], sample_time: float, most: int = 5) -> list[Line]:
     """Find frequencies that stand out of the residual in every stretch long enough.
 

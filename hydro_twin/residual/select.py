@@ -80,6 +80,11 @@ def search_all(candidates: Sequence[Model], parts: Sequence[Part], evaluations: 
     return solve_all(_problems(candidates, parts), evaluations, 1e-5)
 
 
+def unsearched(candidate: Model, parts: Sequence[Part]) -> Fit:
+    """Take a candidate as it is for a fit."""
+    return _problems([candidate], parts)[0].as_it_is()
+
+
 def _problems(candidates: Sequence[Model], parts: Sequence[Part]) -> list[Problem]:
     """Set up the fit of each candidate."""
     return [Problem(candidate, searched(candidate), parts) for candidate in candidates]

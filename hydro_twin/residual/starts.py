@@ -42,10 +42,10 @@ def linear_starts(candidate: Model, parts: Sequence[Part]) -> list[Model]:
     plant = candidate.plant
     middle = {name: math.exp(0.5 * (low + high)) for name, (low, high) in usual(plant).items()}
     fitted = [parts, between_ends(parts, candidate.sample_time)] if plant.integrates else [parts]
-    by_one_step = [one_step_values(plant, some, candidate.values, candidate.sample_time)
-                   for some in fitted if some]
+    by_one_step = [values for some in fitted if some for values in one_step_values(
+        plant, some, candidate.values, candidate.sample_time)]
     return [replace(candidate, values={**candidate.values, **values}, timing={})
-            for values in (middle, *by_one_step) if values is not None]
+            for values in (middle, *by_one_step)]
 
 
 def drift_starts(base: Fit, parts: Sequence[Part], times: tuple[float, float]

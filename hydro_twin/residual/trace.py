@@ -12,7 +12,7 @@ from hydro_twin.fitting.fit import Fit
 from hydro_twin.fitting.horizon import errors_over_horizon, judged_errors
 from hydro_twin.fitting.linear import fit_linear
 from hydro_twin.fitting.outputs import sensors_in
-from hydro_twin.fitting.parts import least_samples, Part, parts_of, with_travel
+from hydro_twin.fitting.parts import least_samples, Part, parts_of, thin, with_travel
 from hydro_twin.fitting.port_signals import predicted_by_ports
 from hydro_twin.fitting.whiteness import is_white
 from hydro_twin.model import Model, Record
@@ -25,7 +25,7 @@ from hydro_twin.residual.context import Context
 from hydro_twin.residual.curve import FittedCurve
 from hydro_twin.residual.evaluate import result_of
 from hydro_twin.residual.evidence import Evidence
-from hydro_twin.residual.excerpt import excerpt, harmless_factor, resampled, thin
+from hydro_twin.residual.excerpt import excerpt, harmless_factor, resampled
 from hydro_twin.residual.findings import Chain, share
 from hydro_twin.residual.limits import without_unreached
 from hydro_twin.residual.memory import named, remember

@@ -4,7 +4,12 @@ import numpy as np
 import pytest
 from scipy.signal import lfilter
 
-from hydro_twin.fitting.autoregression import autoregression, noise_filter, whiten
+from hydro_twin.fitting.autoregression import (
+    autoregression,
+    effective_samples,
+    noise_filter,
+    whiten,
+)
 from hydro_twin.fitting.whiteness import is_white
 
 
@@ -34,3 +39,15 @@ def test_the_filter_of_noise_keeps_its_power():
     white = whiten([r], noise_filter([r]))
     assert is_white([white])
     assert white @ white / len(white) == pytest.approx(r @ r / len(r), rel=1e-9)
+
+
+@pytest.mark.parametrize('memory', [0.0, 0.5, 0.9, 0.98])
+def test_samples_with_memory_count_as_fewer(memory):
+    counts = [effective_samples([coloured(seed, 6000, memory), coloured(100 + seed, 2000, memory)])
+              for seed in range(20)]
+    expected = 8000 * (1.0 - memory**2) / (1.0 + memory**2)     # sum of the squares of memory^|k|
+    assert np.mean(counts) == pytest.approx(expected, rel=0.15)
+
+
+def test_silence_counts_in_full():
+    assert effective_samples([np.zeros(100), np.zeros(50)]) == 150.0

@@ -17,7 +17,7 @@ import pytest
 
 from hydro_twin.commands.main import main
 from hydro_twin.errors import UserError
-from hydro_twin.fitting.parts import parts_of
+from hydro_twin.fitting.parts import parts_of, thin
 from hydro_twin.fitting.port_signals import predicted_by_ports
 from hydro_twin.fitting.whiteness import is_white
 from hydro_twin.model import Model
@@ -26,7 +26,7 @@ from hydro_twin.recording.rig import read, rig_of
 from hydro_twin.recording.series import Recording
 from hydro_twin.report.summary import summarise
 from hydro_twin.residual.curve import find_curve
-from hydro_twin.residual.excerpt import excerpt, harmless_factor, thin
+from hydro_twin.residual.excerpt import excerpt, harmless_factor
 from hydro_twin.residual.noise import bursts, lines, noise_floor
 from hydro_twin.residual.proof import proof
 from hydro_twin.residual.screen import hidden, screen

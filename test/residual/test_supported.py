@@ -12,12 +12,12 @@ from traced_rig import fitted, PLANT, record
 from hydro_twin.fitting.output_error import residuals
 from hydro_twin.model import place
 from hydro_twin.recording.series import Recording
-from hydro_twin.residual.chain import _exchange, _proven, likely, supported
+from hydro_twin.residual.chain import _exchange, _proven, _simplified, likely, supported
 from hydro_twin.residual.context import Context
 from hydro_twin.residual.criterion import likelihood_gain
 from hydro_twin.residual.findings import Chain, explained_share, Finding
 from hydro_twin.residual.noise import noise_floor
-from hydro_twin.residual.select import Alternative, search, searched
+from hydro_twin.residual.select import Alternative, is_distinguishable, search, searched
 from hydro_twin.result import Improvement
 
 FRICTION = ('friction', 'motor', {'coulomb': 10.0})
@@ -165,6 +165,22 @@ def test_an_exchange_ends_where_two_laws_seem_better_in_turns(grown, monkeypatch
         fit.candidate, chain.fit.residual))
     assert set(names(_exchange(chain, context, last=True))) == {'hysteresis', 'bias'}
     assert turns == ['hysteresis', 'friction']
+
+
+def test_a_dead_zone_that_shrinks_to_nothing_about_a_centre_is_a_bias(grown):
+    shrunk = ('dead_zone', 'command', {'width': 1e-6, 'centre': 0.02})
+    chain, _, context = grown(shrunk, FRICTION)
+    assert is_distinguishable(chain.fit, context.parts, 1)
+    assert not is_distinguishable(chain.fit, context.parts, 0)
+    simple = _simplified(chain, context)
+    assert names(simple) == ['friction', 'bias']
+    assert simple.indices == [0, 1]
+    assert simple.fit.error < 1.01 * chain.fit.error
+
+
+def test_what_is_distinguished_stays_as_it_is(grown):
+    chain, _, context = grown(FRICTION, BIAS)
+    assert _simplified(chain, context) == chain
 
 
 @pytest.mark.slow
