@@ -14,7 +14,6 @@ from hydro_twin.residual.excerpt import (
     harmless_factor,
     resampled,
     STRETCH,
-    thin,
 )
 
 PLANT = plant_named('load_simulator')
