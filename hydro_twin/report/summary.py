@@ -167,7 +167,7 @@ def remainder_sentence(result: TraceResult) -> str:
 
 
 def _lines(left: Remainder) -> list[str]:
-    hertz = [f'{line.frequency:.1f}' for line in left.lines]
+    hertz = [f'{line.frequency:.3g}' for line in left.lines]
     if len(hertz) == 1:
         return [f'a spectral line at {hertz[0]} Hz']
     return [f'spectral lines at {", ".join(hertz)} Hz'] if hertz else []

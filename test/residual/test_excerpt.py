@@ -3,7 +3,7 @@ import numpy as np
 import pytest
 
 from hydro_twin.fitting.linear import fit_linear
-from hydro_twin.fitting.parts import least_samples, Part, parts_of
+from hydro_twin.fitting.parts import least_samples, Part, parts_of, thin
 from hydro_twin.model import Model, place
 from hydro_twin.plants import plant_named
 from hydro_twin.recording.series import Recording, Series
