@@ -1,8 +1,8 @@
 """Values to begin a search at, from the one-step error of the linear plant.
 
 Where the output stands at an end stop, or drifts, a free run is met best by a plant that does not
-move at all. The one-step error is biased by noise, but asks only how it moves from one sample to
-the next.
+move at all. The one-step error asks only how it moves from one sample to the next. Noise biases
+its fit, the more the less the output moves in a step, so it is also made with longer steps.
 """
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from hydro_twin.fitting.regression import regression
 from hydro_twin.plants import Plant
 from hydro_twin.recording.series import Series
 
-STEPS = (1, 4, 16)      # samples in a step: twice that hardly changes a fit, a tenth often does
+STEPS = (1, 4, 16)      # samples in a step, up to those for which a slow sensor repeats a value
 DIFFERENT = 1.5         # ratio of a parameter in two fits, from which both are worth a search
 
 

@@ -1,4 +1,4 @@
-"""How fits to the same data compare: BIC and likelihood ratio, of whitened residuals."""
+"""How fits to the same data compare: BIC and likelihood ratio, by independent samples."""
 from __future__ import annotations
 
 from collections.abc import Sequence
@@ -7,7 +7,7 @@ import math
 import numpy as np
 from scipy import stats
 
-from hydro_twin.fitting.autoregression import autoregression, effective_samples, whiten
+from hydro_twin.fitting.autoregression import effective_samples
 from hydro_twin.fitting.fit import Fit
 from hydro_twin.plants.plant import FloatArray
 from hydro_twin.predictors.scores import rms
@@ -45,7 +45,6 @@ def gain_p_value(before: Fit, after: Fit, tried: int) -> float:
 
 
 def likelihood_gain(before: Sequence[FloatArray], after: Sequence[FloatArray]) -> float:
-    """Twice the gain of the log-likelihood, residuals whitened by the filter of the latter."""
-    filter_ = autoregression(after)
-    a, b = (whiten(pieces, filter_) for pieces in (before, after))
-    return len(a) * math.log(max(float(a @ a), 1e-300) / max(float(b @ b), 1e-300))
+    """Twice the gain of the log-likelihood, with the effective number of samples of the latter."""
+    a, b = (rms(np.concatenate(pieces))**2 for pieces in (before, after))
+    return effective_samples(after) * math.log(max(a, 1e-300) / max(b, 1e-300))
