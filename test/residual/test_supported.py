@@ -14,7 +14,7 @@ from hydro_twin.model import place
 from hydro_twin.recording.series import Recording
 from hydro_twin.residual.chain import _exchange, _proven, _simplified, likely, supported
 from hydro_twin.residual.context import Context
-from hydro_twin.residual.criterion import likelihood_gain
+from hydro_twin.residual.criterion import whitened_gain
 from hydro_twin.residual.findings import Chain, explained_share, Finding
 from hydro_twin.residual.noise import noise_floor
 from hydro_twin.residual.select import Alternative, is_distinguishable, search, searched
@@ -82,9 +82,9 @@ def test_data_that_were_not_fitted_are_likelier_with_what_is_there(grown):
     n = sum(map(len, after)) - 6 * len(after)
     ratio = np.mean(np.square(np.concatenate(before))) / np.mean(np.square(np.concatenate(after)))
     # The noise is white, so that whitening by its memory changes little.
-    assert likelihood_gain(before, after) == pytest.approx(n * np.log(ratio), rel=0.05)
-    assert likelihood_gain(after, after) == 0.0
-    assert likelihood_gain(chain.fit.by_part, alone.by_part) < 0.0
+    assert whitened_gain(before, after) == pytest.approx(n * np.log(ratio), rel=0.05)
+    assert whitened_gain(after, after) == 0.0
+    assert whitened_gain(chain.fit.by_part, alone.by_part) < 0.0
 
 
 def test_an_error_that_unusual_parameters_pay_for_is_no_gain_of_an_effect(grown):
