@@ -16,23 +16,31 @@ CLEARLY = 10.0          # difference of the BIC from which one law is preferred 
 
 
 def criterion(fits: Sequence[Fit]) -> list[float]:
-    """BIC of fits to the same parts, with the effective number of samples of the best.
+    """BIC of fits to the same parts over that of the best, which has 0.
 
-    N ln(S/n) + d ln N, with S the sum of squares of n samples, N the number of independent ones
-    that say as much, and d the number of unknowns that are not at a bound; the first summed over
-    the output and the sensors.
+    N ln(S/n) + d ln N, with S the sum of squares of n samples, N the number of independent ones,
+    as the best leaves them, and d the number of unknowns that are not at a bound; the first summed
+    over the output and the sensors. By this the best is found. Another is as far from it as that
+    says, or the BIC of whitened residuals, whichever distinguishes them better: beside an offset
+    few samples count as independent, and the laws still differ in what is fast.
     """
     best = min(fits, key=lambda fit: fit.cost)
     counts = [effective_samples(pieces) for pieces in best.by_output]
-    values = []
-    for fit in fits:
-        pulled = 1.0 + fit.pulled / max(float(fit.residual @ fit.residual), 1e-300)
+    filters = [autoregression(pieces) for pieces in best.by_output]
+    slow, white = [0.0] * len(fits), [0.0] * len(fits)
+    for k, fit in enumerate(fits):
         free = len(fit.unknowns) - len(fit.at_bound())
-        powers = [rms(np.concatenate(pieces))**2 for pieces in fit.by_output]
-        values.append(sum(count * math.log(max(pulled * power, 1e-300))
-                          for count, power in zip(counts, powers, strict=True))
-                      + free * math.log(sum(counts)))
-    return values
+        pulled = 1.0 + fit.pulled / max(float(fit.residual @ fit.residual), 1e-300)
+        whites = [whiten(*some) for some in zip(fit.by_output, filters, strict=True)]
+        for scores, rows, samples in (
+                (slow, [np.concatenate(pieces) for pieces in fit.by_output], counts),
+                (white, whites, [float(len(row)) for row in whites])):
+            scores[k] = free * math.log(sum(samples)) + sum(
+                n * math.log(max(pulled * rms(row)**2, 1e-300))
+                for n, row in zip(samples, rows, strict=True) if len(row))
+    b = int(np.argmin(slow))
+    return [0.0 if k == b else max(slow[k] - slow[b], white[k] - white[b])
+            for k in range(len(fits))]
 
 
 def gain_p_value(before: Fit, after: Fit, tried: int) -> float:
@@ -42,11 +50,26 @@ def gain_p_value(before: Fit, after: Fit, tried: int) -> float:
     off most of an error that changes slowly; and of whitened residuals, which sees past a slow
     error that something else is the reason of, as an offset.
     """
-    pairs = list(zip(before.by_output, after.by_output, strict=True))
-    ratio = max(sum(gain(*pair) for pair in pairs) for gain in (slow_gain, whitened_gain))
     added = max(1, len(after.unknowns) - len(before.unknowns))
-    log_p = float(stats.chi2.logsf(max(ratio, 0.0), added)) + math.log(2 * tried)
+    log_p = float(stats.chi2.logsf(max(_gain(before, after), 0.0), added)) + math.log(2 * tried)
     return min(1.0, math.exp(max(log_p, -700.0)))
+
+
+def refinement_gain(simple: Fit, refined: Fit) -> float:
+    """BIC that a refinement of a law takes off, by the larger of the same two gains.
+
+    Less than nothing, if it does not lower what the fits minimise.
+    """
+    if not refined.cost < simple.cost:
+        return -math.inf
+    added = len(refined.unknowns) - len(simple.unknowns)
+    return _gain(simple, refined) - added * math.log(len(refined.residual))
+
+
+def _gain(before: Fit, after: Fit) -> float:
+    """Return the larger gain, each summed over output and sensors."""
+    pairs = list(zip(before.by_output, after.by_output, strict=True))
+    return max(sum(gain(*pair) for pair in pairs) for gain in (slow_gain, whitened_gain))
 
 
 def slow_gain(before: Sequence[FloatArray], after: Sequence[FloatArray]) -> float:

@@ -30,7 +30,7 @@ from hydro_twin.fitting.whiteness import is_white
 from hydro_twin.model import Model
 from hydro_twin.predictors.scores import rms
 from hydro_twin.residual.apart import by_recording, goes_with_time, joined
-from hydro_twin.residual.criterion import CLEARLY, criterion
+from hydro_twin.residual.criterion import CLEARLY, criterion, refinement_gain
 from hydro_twin.residual.screen import places, Prospect, screen, spans
 from hydro_twin.residual.starts import (
     drift_starts,
@@ -273,9 +273,9 @@ def refine(fits: Sequence[Fit], parts: Sequence[Part], index: int = -1) -> list[
     for fit, forms in zip(fits, formed, strict=True):
         tried = [fit, *islice(short, len(forms))]
         simplest = int(bool(forms) and _is_refined(fit, index))
-        scores = criterion(tried)
-        best = int(np.argmin(scores))
-        if scores[best] > scores[simplest] - CLEARLY:
+        gains = [refinement_gain(tried[simplest], form) for form in tried]
+        best = int(np.argmax(gains))
+        if gains[best] < CLEARLY:
             best = simplest
         chosen.append(fit if best == 0 else tried[best].candidate)
     long = search_all([c for c in chosen if isinstance(c, Model)], parts, LONG)
