@@ -18,37 +18,48 @@ CLEARLY = 10.0          # difference of the BIC from which one law is preferred 
 def criterion(fits: Sequence[Fit]) -> list[float]:
     """BIC of fits to the same parts over that of the best, which has 0.
 
-    N ln(S/n) + d ln N, with S the sum of squares of n samples, N the number of independent ones,
-    as the best leaves them, and d the number of unknowns that are not at a bound; the first summed
-    over the output and the sensors. By this the best is found. Another is as far from it as that
-    says, or the BIC of whitened residuals, whichever distinguishes them better: beside an offset
-    few samples count as independent, and the laws still differ in what is fast.
+    The best is the one of the lowest BIC with the effective number of samples. Another is as far
+    from it as that says, or the BIC of residuals whitened by the filter of the best, whichever is
+    larger: beside an offset few samples count as independent, and laws still differ in what is
+    fast.
     """
     best = min(fits, key=lambda fit: fit.cost)
     counts = [effective_samples(pieces) for pieces in best.by_output]
     filters = [autoregression(pieces) for pieces in best.by_output]
-    slow, white = [0.0] * len(fits), [0.0] * len(fits)
-    for k, fit in enumerate(fits):
-        free = len(fit.unknowns) - len(fit.at_bound())
-        pulled = 1.0 + fit.pulled / max(float(fit.residual @ fit.residual), 1e-300)
-        whites = [whiten(*some) for some in zip(fit.by_output, filters, strict=True)]
-        for scores, rows, samples in (
-                (slow, [np.concatenate(pieces) for pieces in fit.by_output], counts),
-                (white, whites, [float(len(row)) for row in whites])):
-            scores[k] = free * math.log(sum(samples)) + sum(
-                n * math.log(max(pulled * rms(row)**2, 1e-300))
-                for n, row in zip(samples, rows, strict=True) if len(row))
-    b = int(np.argmin(slow))
-    return [0.0 if k == b else max(slow[k] - slow[b], white[k] - white[b])
-            for k in range(len(fits))]
+    slow = [_bic(fit, [np.concatenate(pieces) for pieces in fit.by_output], counts)
+            for fit in fits]
+    white = []
+    for fit in fits:
+        rows = [whiten(*some) for some in zip(fit.by_output, filters, strict=True)]
+        white.append(_bic(fit, rows, [len(row) for row in rows]))
+    first = int(np.argmin(slow))
+    return [max(s - slow[first], w - white[first]) for s, w in zip(slow, white, strict=True)]
+
+
+def _bic(fit: Fit, rows: Sequence[FloatArray], samples: Sequence[float]) -> float:
+    """Return N ln(S/n) + d ln N, the first summed over the output and the sensors.
+
+    S is the sum of squares of n samples, with what leaving the usual values costs; d the number of
+    unknowns that are not at a bound.
+
+    Args:
+        fit: to judge.
+        rows: its residual of each.
+        samples: N, how many count as independent, of each.
+    """
+    free = len(fit.unknowns) - len(fit.at_bound())
+    pulled = 1.0 + fit.pulled / max(float(fit.residual @ fit.residual), 1e-300)
+    return free * math.log(sum(samples)) + sum(
+        n * math.log(max(pulled * rms(row)**2, 1e-300))
+        for n, row in zip(samples, rows, strict=True) if len(row))
 
 
 def gain_p_value(before: Fit, after: Fit, tried: int) -> float:
     """Likelihood-ratio tests of what the last effect adds, times the number of effects tried.
 
-    Two, of which the smaller p-value counts, twice. By independent samples, which sees what takes
-    off most of an error that changes slowly; and of whitened residuals, which sees past a slow
-    error that something else is the reason of, as an offset.
+    There are two tests, and the smaller p-value counts, doubled. The one of independent samples
+    sees what takes off most of an error that changes slowly. The one of whitened residuals sees
+    what stands beside a slow error of another cause, as an offset.
     """
     added = max(1, len(after.unknowns) - len(before.unknowns))
     log_p = float(stats.chi2.logsf(max(_gain(before, after), 0.0), added)) + math.log(2 * tried)
