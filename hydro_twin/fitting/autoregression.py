@@ -39,7 +39,8 @@ def effective_samples(stretches: Sequence[FloatArray]) -> float:
     """Count the independent samples that show the power of a residual as well as it does.
 
     N / (1 + 2 sum of the squared autocorrelations) [Bartlett 1946], up to a quarter of the longest
-    stretch. Each square is reduced by what white noise has.
+    stretch. How far their estimates scatter about zero is allowed for: of white noise, every
+    sample counts.
     """
     lags = max(map(len, stretches)) // 4
     products, counts = np.zeros(lags + 1), np.zeros(lags + 1)

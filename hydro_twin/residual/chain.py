@@ -15,6 +15,7 @@ from hydro_twin.predictors.scores import rms
 from hydro_twin.residual.context import Context, effects_of
 from hydro_twin.residual.criterion import CLEARLY, criterion, gain_p_value
 from hydro_twin.residual.findings import (
+    best_finding,
     Chain,
     explained_share,
     Finding,
@@ -70,12 +71,13 @@ def grow(base: Fit, alternatives: Sequence[Alternative], context: Context) -> Ch
     for _ in range(ROUNDS):
         if not alternatives:
             break
-        first, *others = _memoryless_first(alternatives, chain.fit, context)
+        ranked = _memoryless_first(alternatives, chain.fit, context)
+        first = ranked[0]
         fit = without_last(chain.fit, first.fit, context.parts)
         chain = replace(chain, fit=fit)
         if not likely(fit, first.fit, WORTH):
             break
-        found = finding(fit, first.fit, in_place(others), len(fit.candidate.effects))
+        found = best_finding(fit, ranked)
         if chain.findings and not _earned(found, fit, first, context.parts):
             break
         better = finely(first.fit, context.parts, FINE_ENOUGH)
@@ -158,9 +160,7 @@ def _simplified(chain: Chain, context: Context) -> Chain:
         alternatives = fit_alternatives(bare, context.parts, context.times, AGAIN, False,
                                         context.progress)
         if alternatives and likely(without, alternatives[0].fit, WORTH):
-            first, *others = alternatives
-            instead = finding(without, first.fit, in_place(others), len(bare.candidate.effects))
-            chain = Chain(first.fit, (*rest, instead))
+            chain = Chain(alternatives[0].fit, (*rest, best_finding(without, alternatives)))
         else:
             chain = Chain(without, rest)
         context.remember(chain.fit)
@@ -365,10 +365,8 @@ def _exchange(chain: Chain, context: Context, last: bool = False,
         scores = criterion([chain.fit, *(c.fit for c in alternatives)])
         if (alternatives and scores[1] < scores[0] - CLEARLY
                 and effects_of(alternatives[0].fit.candidate) not in left):
-            first, *others = alternatives
-            instead = finding(without, first.fit, in_place(others),
-                              len(without.candidate.effects))
-            better = finely(first.fit, context.parts, FINE_ENOUGH)
+            instead = best_finding(without, alternatives)
+            better = finely(alternatives[0].fit, context.parts, FINE_ENOUGH)
             return _exchange(Chain(better, (*rest, instead)), context, last, left)
         others = [c for c in alternatives
                   if (c.id, c.placed.port) != (placed.effect.id, placed.port)]

@@ -26,14 +26,15 @@ def criterion(fits: Sequence[Fit]) -> list[float]:
     best = min(fits, key=lambda fit: fit.cost)
     counts = [effective_samples(pieces) for pieces in best.by_output]
     filters = [autoregression(pieces) for pieces in best.by_output]
-    slow = [_bic(fit, [np.concatenate(pieces) for pieces in fit.by_output], counts)
-            for fit in fits]
+    effective = [_bic(fit, [np.concatenate(pieces) for pieces in fit.by_output], counts)
+                 for fit in fits]
+    first = int(np.argmin(effective))
     white = []
     for fit in fits:
         rows = [whiten(*some) for some in zip(fit.by_output, filters, strict=True)]
         white.append(_bic(fit, rows, [len(row) for row in rows]))
-    first = int(np.argmin(slow))
-    return [max(s - slow[first], w - white[first]) for s, w in zip(slow, white, strict=True)]
+    return [max(e - effective[first], w - white[first])
+            for e, w in zip(effective, white, strict=True)]
 
 
 def _bic(fit: Fit, rows: Sequence[FloatArray], samples: Sequence[float]) -> float:
@@ -80,10 +81,10 @@ def refinement_gain(simple: Fit, refined: Fit) -> float:
 def _gain(before: Fit, after: Fit) -> float:
     """Return the larger gain, each summed over output and sensors."""
     pairs = list(zip(before.by_output, after.by_output, strict=True))
-    return max(sum(gain(*pair) for pair in pairs) for gain in (slow_gain, whitened_gain))
+    return max(sum(gain(*pair) for pair in pairs) for gain in (effective_gain, whitened_gain))
 
 
-def slow_gain(before: Sequence[FloatArray], after: Sequence[FloatArray]) -> float:
+def effective_gain(before: Sequence[FloatArray], after: Sequence[FloatArray]) -> float:
     """Twice the gain of the log-likelihood, with the effective number of samples of the latter."""
     a, b = (rms(np.concatenate(pieces))**2 for pieces in (before, after))
     return effective_samples(after) * math.log(max(a, 1e-300) / max(b, 1e-300))

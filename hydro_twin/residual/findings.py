@@ -60,6 +60,12 @@ def finding(without: Fit, fit: Fit, others: Sequence[tuple[Placed, Fit]], index:
             others, scores, strict=True)), key=lambda rival: rival[1])))
 
 
+def best_finding(without: Fit, alternatives: Sequence[Alternative]) -> Finding:
+    """Describe the effect that the first of some alternatives adds; the others are its rivals."""
+    first, *others = alternatives
+    return finding(without, first.fit, in_place(others), len(without.candidate.effects))
+
+
 def in_place(alternatives: Sequence[Alternative]) -> list[tuple[Placed, Fit]]:
     """List what each alternative adds, and its fit."""
     return [(alternative.placed, alternative.fit) for alternative in alternatives]

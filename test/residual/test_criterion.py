@@ -3,13 +3,13 @@ from coloured_noise import coloured
 import numpy as np
 import pytest
 
-from hydro_twin.residual.criterion import slow_gain, whitened_gain
+from hydro_twin.residual.criterion import effective_gain, whitened_gain
 
 
 def test_of_white_noise_both_are_the_likelihood():
     before, after = 3.0 * coloured(0, 5000, 0.0), coloured(1, 5000, 0.0)
     expected = 5000 * np.log(before @ before / (after @ after))
-    assert slow_gain([before], [after]) == pytest.approx(expected, rel=0.05)
+    assert effective_gain([before], [after]) == pytest.approx(expected, rel=0.05)
     assert whitened_gain([before], [after]) == pytest.approx(expected, rel=0.05)
 
 
@@ -18,12 +18,12 @@ def test_a_smaller_error_that_is_rougher_gains():
     time = np.arange(4000) / 4000
     before = 30.0 * np.sin(2 * np.pi * 3.0 * time) + coloured(0, 4000, 0.9)
     after = 10.0 * np.sign(np.sin(2 * np.pi * 3.0 * time)) + coloured(0, 4000, 0.9)
-    assert slow_gain([before], [after]) > 5.0
+    assert effective_gain([before], [after]) > 5.0
     assert whitened_gain([before], [after]) < 0.0
 
 
 def test_beside_an_offset_the_gain_shows_in_what_is_fast():
     noise = coloured(0, 4000, 0.3)
     before, after = 10.0 + 2.0 * noise, 10.0 + noise
-    assert slow_gain([before], [after]) < 1.0
+    assert effective_gain([before], [after]) < 1.0
     assert whitened_gain([before], [after]) > 1000.0
