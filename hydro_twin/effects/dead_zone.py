@@ -20,8 +20,13 @@ def law(v, s, p, z, h, c, z_next):  # type: ignore[no-untyped-def]
 
 
 def starts(span: Span) -> Starts:
-    """Widths as shares of the largest value."""
-    return [(share * span.value, 0.0, 0.0) for share in (0.01, 0.03, 0.08, 0.2, 0.4)]
+    """Widths as shares of the largest value.
+
+    A little off the middle, so that a search finds edges that differ; alike ones are tried
+    afterwards.
+    """
+    return [(share * span.value, 0.05 * share * span.value, 0.0)
+            for share in (0.01, 0.03, 0.08, 0.2, 0.4)]
 
 
 def refined(span: Span, values: tuple[float, ...]) -> Starts:

@@ -20,6 +20,7 @@ from hydro_twin.plants import Plant
 from hydro_twin.recording.series import Series
 
 STEPS = (1, 4, 16)      # samples in a step, up to those for which a slow sensor repeats a value
+STARTS = 3              # of 1024 points, searched from: the result only begins another search
 DIFFERENT = 1.5         # ratio of a parameter in two fits, from which both are worth a search
 
 
@@ -65,5 +66,5 @@ def _one_step_fit(plant: Plant, parts: Sequence[Part], constants: Mapping[str, f
     lower, upper = np.array([(p.lower, p.upper) for p in plant.parameters]).T
     names = [p.name for p in plant.parameters]
     found = least_squares(factor, coefficients_of(plant, constants, sample_time), names,
-                          plant.combinations, lower, upper, seed)
+                          plant.combinations, lower, upper, seed, STARTS)
     return dict(zip(names, found.best.tolist(), strict=True))

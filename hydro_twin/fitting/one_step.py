@@ -78,6 +78,7 @@ def derivative(coefficients: Coefficients, parameters: FloatArray) -> FloatArray
 def least_squares(
     regression: Regression, coefficients: Coefficients, names: Sequence[str],
     combinations: Sequence[Mapping[str, int]], lower: FloatArray, upper: FloatArray, seed: int,
+    starts: int = STARTS,
 ) -> SearchResult:
     """Minimise the one-step error over the box, from many starts.
 
@@ -92,6 +93,7 @@ def least_squares(
         lower: lower corner of the box, above zero, shape (d,).
         upper: upper corner.
         seed: the same seed gives the same result.
+        starts: how many of the sequence are searched from.
 
     Returns:
         The best of all starts; the history has one entry a start. Members of a combination
@@ -113,10 +115,10 @@ def least_squares(
         return X @ slope
 
     drawn = qmc.Sobol(M.shape[1], rng=seed).random(SCREENED)
-    starts = drawn[np.argsort(objective(parameters(drawn)), kind='stable')[:STARTS]]
+    begun = drawn[np.argsort(objective(parameters(drawn)), kind='stable')[:starts]]
     ends = np.array([
         bounded_least_squares(residual, x, jacobian, bounds=(0.0, 1.0), ftol=PRECISION,
-                              xtol=PRECISION, gtol=PRECISION).x for x in starts])
+                              xtol=PRECISION, gtol=PRECISION).x for x in begun])
     found = parameters(ends)
     errors = objective(found)
     best = int(np.argmin(errors))

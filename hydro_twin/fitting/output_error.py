@@ -63,7 +63,8 @@ def fitted_residuals(model: Model, parts: Sequence[Part]) -> list[FloatArray]:
     for part, start in zip(parts, initial_states(model, parts), strict=True):
         y, slopes = run_with_slopes(model.system, NONE, tangents, part.inputs, start.x, start.z,
                                     part.start)
-        found.append(without_start(part.measured - y, slopes, usual, model.start_up).residual)
+        found.append(without_start(part.measured - y, slopes, usual, model.start_up,
+                                   room=start.room).residual)
     return found
 
 

@@ -186,7 +186,8 @@ class Problem:
             missed = stack.whitened(
                 np.clip(np.nan_to_num(stack.pick(stack.measured - y, scales), nan=limit),
                         -limit, limit), self.filters)
-            return without_start(missed, rows[:, by.count:], usual, stack.first, others, weight)
+            return without_start(missed, rows[:, by.count:], usual, stack.first, others, weight,
+                                 start.room)
 
         left = []
         for part, stack, start, weight in zip(
@@ -195,8 +196,7 @@ class Problem:
             run = run_from(start, part, stack, weight)
             if run.taken > SMALL * rms(run.residual):
                 # The derivatives belong to a run from where elimination moves the start.
-                nearer = Start(start.x + run.change[:n], start.z + run.change[n:])
-                moved = run_from(nearer, part, stack, run.weight)
+                moved = run_from(start.moved(run.change), part, stack, run.weight)
                 if np.isfinite(moved.slopes).all():
                     run = run._replace(slopes=moved.slopes)
             left.append(run)

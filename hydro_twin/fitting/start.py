@@ -23,10 +23,23 @@ DAMPED = (HELD, 0.3, 10.0)      # and of one from the last step
 
 
 class Start(NamedTuple):
-    """The state at which a run starts: x (n,), and what the effects keep, z (memory,)."""
+    """The state at which a run starts.
+
+    Attributes:
+        x: of the plant, (n,).
+        z: what the effects keep, (memory,).
+        room: how far that can be off, down and up, (memory, 2): a follower of a play is somewhere
+            between its edges.
+    """
 
     x: FloatArray
     z: FloatArray
+    room: FloatArray
+
+    def moved(self, change: FloatArray) -> Start:
+        """Move state and memory, (n + memory,)."""
+        n = len(self.x)
+        return Start(self.x + change[:n], self.z + change[n:], self.room - change[n:, None])
 
 
 class Eliminated(NamedTuple):
@@ -48,13 +61,16 @@ class Eliminated(NamedTuple):
 
 
 def without_start(missed: FloatArray, by_start: FloatArray, usual: FloatArray, start_up: int,
-                  by_others: FloatArray | None = None, weight: float | None = None) -> Eliminated:
+                  by_others: FloatArray | None = None, weight: float | None = None,
+                  room: FloatArray | None = None) -> Eliminated:
     """Eliminate the state at the start of a run by linear least squares (variable projection).
 
     The first samples show it with some error, which lasts where the plant integrates, or forgets
     slowly, and would be taken for an error of the laws. So what a better state explains is taken
     off, weighting first and later samples by how well they are fitted: what the laws miss later on
-    must not be attributed to the start.
+    must not be attributed to the start. What the effects keep changes no further than it has room:
+    beyond, the derivatives are those of no law, as of a narrow hysteresis that would explain any
+    drift of a valve at rest.
 
     Args:
         missed: measured less run, (N,).
@@ -64,6 +80,7 @@ def without_start(missed: FloatArray, by_start: FloatArray, usual: FloatArray, s
         start_up: first samples, which are not scored.
         by_others: derivatives of the run by other unknowns, (N, d).
         weight: of the first samples, if it is to be kept.
+        room: of the memory, see `Start`; None: as much as it takes.
     """
     others = np.zeros((len(missed), 0)) if by_others is None else by_others
     both = np.column_stack([missed, others])
@@ -84,11 +101,35 @@ def without_start(missed: FloatArray, by_start: FloatArray, usual: FloatArray, s
         normal = late.T @ late + weight * early.T @ early
         # Relative, too: where the first samples weigh most, they may not show every state.
         normal += (1e-4 + 1e-12 * np.trace(normal)) * np.eye(len(normal))
-        found = np.linalg.solve(
-            normal, late.T @ both[start_up:] + weight * early.T @ both[:start_up])
+        room = np.zeros((0, 2)) if room is None else room * np.where(
+            at_all > 0.0, shown, 0.0)[len(usual):, None]
+        found = _within(normal, late.T @ both[start_up:] + weight * early.T @ both[:start_up],
+                        room)
     taken = columns[start_up:] @ found
     left = both[start_up:] - taken
     return Eliminated(left[:, 0], left[:, 1:], found[:, 0] / shown, rms(taken[:, 0]), weight)
+
+
+def _within(normal: FloatArray, right: FloatArray, room: FloatArray) -> FloatArray:
+    """Solve normal equations; the last unknowns of the first column stay within their room.
+
+    One that would leave it is held at the edge, where it no longer moves with the other columns.
+    """
+    free = np.ones(len(normal), dtype=bool)
+    limited = np.arange(len(normal) - len(room), len(normal))
+    found: FloatArray = np.linalg.solve(normal, right)
+    for _ in room:
+        wanted = found[limited, 0]
+        within = np.clip(wanted, room[:, 0], room[:, 1])
+        beyond = limited[within != wanted]
+        if not len(beyond):
+            break
+        free[beyond] = False
+        found[limited, 0] = within
+        found[~free, 1:] = 0.0
+        rest = right[free] - normal[np.ix_(free, ~free)] @ found[~free]
+        found[free] = np.linalg.solve(normal[np.ix_(free, free)], rest)
+    return found
 
 
 def find_start(system: System, tangent: Tangent, response: FloatArray, inputs: FloatArray,
@@ -168,7 +209,7 @@ def find_start(system: System, tangent: Tangent, response: FloatArray, inputs: F
 
     here = at(np.concatenate([rest, np.zeros(len(width))]))
     if len(system.step.effects) == 0:
-        return _start(step(here, linear, HELD, 1.0), n)
+        return Start(step(here, linear, HELD, 1.0).state, np.zeros(0), np.zeros((0, 2)))
     best, columns = search(here, every[every < n])
     if best.power > (NEAR * size) ** 2 * len(measured):
         sides = [best.state + side * unit for unit in units[:n] for side in (-1.0, 1.0)]
@@ -185,7 +226,10 @@ def find_start(system: System, tangent: Tangent, response: FloatArray, inputs: F
             there, _ = search(there, every)
             if there.power < MOVES * best.power:
                 best = there
-    return _start(best, n)
+    x = best.state[:n]
+    kept = system.kept(inputs[0], x)
+    z = np.clip(best.state[n:], kept[:, 0], kept[:, 1])
+    return Start(x, z, kept - z[:, None])
 
 
 @dataclass(frozen=True)
@@ -196,6 +240,3 @@ class _At:
     missed: FloatArray
     power: float
 
-
-def _start(here: _At, n: int) -> Start:
-    return Start(here.state[:n], here.state[n:])

@@ -25,7 +25,7 @@ from hydro_twin.residual.findings import (
     share,
     TRIED,
 )
-from hydro_twin.residual.proof import improvement, proof, residuals
+from hydro_twin.residual.proof import proof, residuals, surer_improvement
 from hydro_twin.residual.select import (
     Alternative,
     fit_alternatives,
@@ -209,7 +209,7 @@ def _proven(chain: Chain, without: Fit, context: Context) -> Chain:
     if len(bare) == 1:
         bare = [min(bare[0], without, key=lambda fit: fit.cost)]
     after = residuals(chain.fit, context.held_out)
-    gains = [improvement(residuals(fit, context.held_out), after, context.seed) for fit in bare]
+    gains = [surer_improvement(residuals(fit, context.held_out), after, context.seed) for fit in bare]
     fails = [k for k, gain in enumerate(gains) if not gain.low > 0.0]
     if not fails:
         return chain
@@ -227,7 +227,7 @@ def _proven(chain: Chain, without: Fit, context: Context) -> Chain:
     if smaller.findings or len(gains) < 2 or not all(gain.relative > 0.0 for gain in gains):
         return smaller
     before = residuals(without, context.held_out)
-    return chain if improvement(before, after, context.seed).low > 0.0 else smaller
+    return chain if surer_improvement(before, after, context.seed).low > 0.0 else smaller
 
 
 def _unrefuted(chain: Chain, k: int, without: Fit, context: Context) -> Chain | None:

@@ -1,14 +1,19 @@
 """The state at which a run starts, against the state that made the data."""
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 from hydro_twin.fitting.output_error import initial_states, residuals
 from hydro_twin.fitting.parts import Part, parts_of
+from hydro_twin.fitting.problem import Problem
 from hydro_twin.fitting.start import without_start
+from hydro_twin.fitting.unknowns import effect_unknowns, plant_unknowns
 from hydro_twin.model import Model, place
 from hydro_twin.plants import plant_named
+from hydro_twin.predictors.scores import rms
 from hydro_twin.recording.series import Recording
 from hydro_twin.simulation.simulate import simulate
 
@@ -88,3 +93,48 @@ def test_states_that_the_first_samples_do_not_tell_apart_are_left_alone():
     missed = np.concatenate([np.full(50, 1e-9), np.linspace(1.0, 2.0, 100)])
     rest = without_start(missed, np.ones((150, 2)), np.ones(2), 50)[0]
     np.testing.assert_allclose(rest, missed[50:], rtol=1e-6)
+
+
+def test_what_an_effect_keeps_explains_no_more_than_it_has_room_for():
+    """A drift of the output is not that of a narrow play which starts far outside of its edges."""
+    ramp = np.linspace(0.0, 1.0, 200)
+    by_start = np.column_stack([np.ones(200), 50.0 * ramp])      # a state, and a memory
+    missed = 3.0 * ramp                                          # as of a memory of 0.06
+    free = without_start(missed, by_start, np.ones(1), 50)
+    assert rms(free.residual) < 1e-3
+    assert free.change[1] == pytest.approx(0.06, rel=1e-3)
+    narrow = without_start(missed, by_start, np.ones(1), 50, room=np.array([[-0.01, 0.02]]))
+    assert narrow.change[1] == pytest.approx(0.02)
+    left = (missed - 1.0 * ramp)[50:]                            # 50 * 0.02 is explained
+    assert rms(narrow.residual) <= rms(left)
+    assert rms(narrow.residual) > 0.5 * rms(left)
+    wide = without_start(missed, by_start, np.ones(1), 50, room=np.array([[-0.1, 0.1]]))
+    np.testing.assert_allclose(wide.residual, free.residual, atol=1e-12)
+
+
+def test_a_memory_at_its_edge_moves_with_no_parameter():
+    """What other unknowns do to the output is then not explained by it either."""
+    ramp = np.linspace(0.0, 1.0, 200)
+    by_start, others = (50.0 * ramp)[:, None], (2.0 * ramp)[:, None]
+    room = np.array([[-0.01, 0.02]])
+    held = without_start(3.0 * ramp, by_start, np.zeros(0), 50, others, room=room)
+    np.testing.assert_allclose(held.slopes, others[50:])
+    free = without_start(0.5 * ramp, by_start, np.zeros(0), 50, others, room=room)
+    assert rms(free.slopes) < 1e-3
+
+
+def test_a_narrow_hysteresis_is_no_drift_of_a_valve_at_rest():
+    """In windows of a cylinder that creeps, each its own way, a hysteresis explains nothing."""
+    plant, values = plant_named('cylinder'), {'K_v': 0.02, 'tau': 0.05}
+    T, rng = 0.05, np.random.default_rng(0)
+    parts = []
+    for creep in (-1e-3, 2e-3, 1.5e-3, -2e-3):
+        command = np.repeat(rng.choice([-1.0, 0.0, 1.0], 8), 25)[:, None]
+        system = Model(plant, plant.constant_values() | values, T).system
+        moved = system.run(command, np.zeros(plant.order))
+        parts.append(Part(command, moved + creep * T * np.arange(200)))
+    begun = Model(plant, plant.constant_values() | values, T,
+                  (place('hysteresis', 'command', {'width': 1e-3}, plant),))
+    linear = Problem(replace(begun, effects=()), plant_unknowns(plant, 'physical'), parts).solve()
+    unknowns = [*plant_unknowns(plant, 'physical'), *effect_unknowns(0, begun.effects[0])]
+    assert Problem(begun, unknowns, parts).solve().error > 0.8 * linear.error

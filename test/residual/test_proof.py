@@ -11,7 +11,12 @@ from hydro_twin.model import Model
 from hydro_twin.plants import plant_named
 from hydro_twin.predictors.scores import rms
 from hydro_twin.recording.series import Recording
-from hydro_twin.residual.proof import improvement, residuals
+from hydro_twin.residual.proof import (
+    improvement,
+    residuals,
+    surer_improvement,
+    usual_improvement,
+)
 from hydro_twin.simulation.simulate import simulate
 
 
@@ -73,6 +78,36 @@ def test_units_do_not_matter_and_seeds_hardly():
     assert scaled.low == pytest.approx(one.low)
     assert improvement(before, after, 1).low == pytest.approx(one.low, abs=0.02)
     assert improvement(before, after, 0) == one
+
+
+def test_one_bad_window_does_not_hide_what_the_others_show():
+    """Seven windows of eight come to a third; in one, where all is wrong, a half is added."""
+    rng = np.random.default_rng(0)
+    common = [rng.standard_normal(180) for _ in range(8)]
+    before = [r * (8.0 if k == 6 else 3.0) for k, r in enumerate(common)]
+    after = [r * (12.0 if k == 6 else 1.0) for k, r in enumerate(common)]
+    assert improvement(before, after, 0).low < 0.0
+    usual = usual_improvement(before, after, 0)
+    assert 0.0 < usual.low < usual.relative < usual.high < 1.0
+    assert surer_improvement(before, after, 0) == usual
+    assert usual_improvement(after, before, 0).high < 0.0
+
+
+def test_what_happens_seldom_and_much_shows_in_the_mean_square():
+    """A stop that is met in a third of the windows; the others hardly change, for the worse."""
+    rng = np.random.default_rng(0)
+    common = [rng.standard_normal(50) for _ in range(30)]
+    before = [r * (20.0 if k % 3 == 0 else 1.0) for k, r in enumerate(common)]
+    after = [r * (3.0 if k % 3 == 0 else 1.02) for k, r in enumerate(common)]
+    assert surer_improvement(before, after, 0) == improvement(before, after, 0)
+    assert improvement(before, after, 0).low > 0.9
+
+
+@pytest.mark.parametrize('compare', [usual_improvement, surer_improvement])
+def test_another_draw_of_coloured_noise_is_no_improvement_by_either(compare):
+    found = [compare(*pair(seed, 2**0.5), seed) for seed in range(200)]
+    assert sum(one.low > 0 for one in found) <= 10
+    assert np.mean([one.relative for one in found]) == pytest.approx(0.0, abs=0.03)
 
 
 @dataclass(frozen=True)
