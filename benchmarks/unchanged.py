@@ -19,14 +19,14 @@ from scipy.signal import lfilter
 
 from hydro_twin.fitting.output_error import free_run
 from hydro_twin.fitting.parts import Part, parts_of
+from hydro_twin.inference.excerpt import excerpt
+from hydro_twin.inference.select import search
 from hydro_twin.keep.duel import Duel, Rules
 from hydro_twin.keep.regime_bets import Regimes
 from hydro_twin.keep.regimes import grid_of
 from hydro_twin.live.twin import Twin
 from hydro_twin.model import Model
 from hydro_twin.recording.series import Recording, Series
-from hydro_twin.residual.excerpt import excerpt
-from hydro_twin.residual.select import search
 from hydro_twin.ros.worn_rig import NOISE, period, PLANT, STEP, VALUES
 
 TRIAL = 1800.0      # of each challenger, the default of `keep` [s]

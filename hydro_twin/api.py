@@ -12,6 +12,8 @@ from hydro_twin.fitting import refit as fitting
 from hydro_twin.fitting.horizon import horizon_errors
 from hydro_twin.fitting.parallel import prepare
 from hydro_twin.fitting.refit import Refit, Request
+from hydro_twin.inference import excitation as exciting
+from hydro_twin.inference import trace as tracing
 from hydro_twin.model import load_predictor, Model, read_model
 from hydro_twin.plants import Plant, plant_named
 from hydro_twin.plants.plant import FloatArray
@@ -30,8 +32,6 @@ from hydro_twin.progress import Progress, silent
 from hydro_twin.provenance import provenance
 from hydro_twin.recording.rig import read_apart, Rig, rig_of
 from hydro_twin.recording.series import Recording, split
-from hydro_twin.residual import excitation as exciting
-from hydro_twin.residual import trace as tracing
 from hydro_twin.result import TraceResult
 
 if TYPE_CHECKING:

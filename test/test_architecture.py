@@ -59,4 +59,4 @@ def test_report_only_draws():
                             check=True).stdout.split()
     packages = {of(name) for name in loaded}
     assert packages >= {'report', 'result', 'model'}
-    assert not packages & {'fitting', 'residual', 'simulation', 'live', 'commands', 'studies'}
+    assert not packages & {'fitting', 'inference', 'simulation', 'live', 'commands', 'studies'}

@@ -9,16 +9,16 @@ from hydro_twin.effects.curve import curve, KNOTS
 from hydro_twin.fitting.output_error import residuals
 from hydro_twin.fitting.parts import Part
 from hydro_twin.fitting.whiteness import is_white
+from hydro_twin.inference.curve import FittedCurve
+from hydro_twin.inference.evaluate import result_of
+from hydro_twin.inference.evidence import Evidence
+from hydro_twin.inference.findings import Finding
+from hydro_twin.inference.noise import Burst, noise_floor
+from hydro_twin.inference.proof import improvement
+from hydro_twin.inference.select import search
 from hydro_twin.model import Model, place
 from hydro_twin.plants import plant_named
 from hydro_twin.recording.series import Recording, Series
-from hydro_twin.residual.curve import FittedCurve
-from hydro_twin.residual.evaluate import result_of
-from hydro_twin.residual.evidence import Evidence
-from hydro_twin.residual.findings import Finding
-from hydro_twin.residual.noise import Burst, noise_floor
-from hydro_twin.residual.proof import improvement
-from hydro_twin.residual.select import search
 from hydro_twin.result import Dependence, Hidden, Improvement, Line
 
 # For each plant, effects that show under the inputs below, and one that is tried in their place.

@@ -156,8 +156,8 @@ def _filtered(x: FloatArray, numerator: list[float], denominator: list[float]) -
 
 def trace_case(name: str) -> dict[str, Any]:
     """Trace one, and return what was said, in short."""
+    from hydro_twin.inference.trace import trace
     from hydro_twin.report.summary import summarise
-    from hydro_twin.residual.trace import trace
 
     case, begin = CASES[name], time.process_time()
     report = summarise(trace(recording(case), None, plant_named(case.plant)))

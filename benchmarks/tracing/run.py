@@ -90,8 +90,8 @@ def traced(seeds: Sequence[int], trace_one: TraceOne, workers: int) -> Iterator[
 
 def add_trace(line: dict[str, Any], recording: Recording, plant: Plant) -> None:
     """Add to a line what the tracer says ('report' or 'failure') and how long it takes."""
+    from hydro_twin.inference.trace import trace
     from hydro_twin.report.summary import summarise
-    from hydro_twin.residual.trace import trace
 
     begin = time.perf_counter()
     try:

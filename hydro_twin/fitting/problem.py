@@ -171,7 +171,7 @@ class Problem:
             scales: of output and sensors; None: by how much each moves.
         """
         candidate = self.candidate(coordinates)
-        system, n = candidate.system, len(candidate.plant.states)
+        system = candidate.system
         by, order = self.directions(candidate, system)
         tangents = tangents_of(system, lambda stage: self.directions(candidate, stage)[0])
         usual, limit = usual_response(candidate), 1e3 * self.size

@@ -2,9 +2,9 @@
 import pytest
 
 from benchmarks.tracing.cases import case_of
+from hydro_twin.inference.trace import evidence
 from hydro_twin.plants.load_simulator import LOAD_SIMULATOR
 from hydro_twin.recording.series import Recording
-from hydro_twin.residual.trace import evidence
 
 pytestmark = pytest.mark.slow
 

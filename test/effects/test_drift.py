@@ -11,6 +11,8 @@ from hydro_twin.fitting.fit import Fit
 from hydro_twin.fitting.parts import Part
 from hydro_twin.fitting.problem import Problem
 from hydro_twin.fitting.unknowns import effect_unknowns, get, plant_unknowns
+from hydro_twin.inference import starts
+from hydro_twin.inference.trace import trace
 from hydro_twin.model import Model, Noise, place, read_model, write_model
 from hydro_twin.plants import PLANTS
 from hydro_twin.predictors.analytical import Analytical
@@ -19,8 +21,6 @@ from hydro_twin.predictors.system import assemble, STAGES
 from hydro_twin.predictors.tangents import tangents_of
 from hydro_twin.recording.series import Recording, Series
 from hydro_twin.report.summary import sentence
-from hydro_twin.residual import starts
-from hydro_twin.residual.trace import trace
 
 LOAD = PLANTS['load_simulator']
 VALUES = LOAD.constant_values() | LOAD.middle()

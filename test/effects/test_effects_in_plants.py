@@ -7,10 +7,10 @@ from scipy import integrate, signal
 
 from hydro_twin.effects import EFFECTS, Placed, sites
 from hydro_twin.fitting.parts import Part
+from hydro_twin.inference.screen import spans
 from hydro_twin.model import Model, place
 from hydro_twin.plants import PLANTS
 from hydro_twin.predictors.system import assemble
-from hydro_twin.residual.screen import spans
 
 INF = math.inf
 NEUTRAL = {   # parameters with which a law changes nothing

@@ -76,9 +76,9 @@ def test_workers_may_start_before_the_work(monkeypatch):
     monkeypatch.setattr(parallel, '_pool', pool)
     monkeypatch.setattr(parallel, 'WORTH', math.inf)     # no work by itself starts any
     try:
-        parallel.prepare('hydro_twin.residual.trace')
+        parallel.prepare('hydro_twin.inference.trace')
         first = list(pool.workers)
-        parallel.prepare('hydro_twin.residual.trace')
+        parallel.prepare('hydro_twin.inference.trace')
         assert pool.workers == first
         assert len(first) == CORES - 1
         wait_for_workers()

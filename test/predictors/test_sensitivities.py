@@ -12,12 +12,12 @@ from hydro_twin.effects import EFFECTS, Placed, sites
 from hydro_twin.fitting.parts import Part
 from hydro_twin.fitting.problem import Problem
 from hydro_twin.fitting.unknowns import effect_unknowns, get, plant_unknowns, timing_unknowns
+from hydro_twin.inference.screen import spans
 from hydro_twin.model import Model
 from hydro_twin.plants import PLANTS
 from hydro_twin.predictors.sensitivities import run_all_with_slopes, run_with_slopes
 from hydro_twin.predictors.system import assemble
 from hydro_twin.predictors.tangents import Directions, tangent_of
-from hydro_twin.residual.screen import spans
 
 SAMPLES = 120
 EVERYWHERE = [(plant, effect, port) for plant in PLANTS.values() for effect in EFFECTS

@@ -14,13 +14,13 @@ import yaml
 
 from hydro_twin.errors import UserError
 from hydro_twin.fitting.output_error import free_run
+from hydro_twin.inference.evaluate import result_of
+from hydro_twin.inference.limits import without_unreached
 from hydro_twin.model import load_predictor, read_model
 from hydro_twin.predictors import kernel
 from hydro_twin.predictors.scores import errors_of
 from hydro_twin.report import trace_files
 from hydro_twin.report.trace_files import write_files
-from hydro_twin.residual.evaluate import result_of
-from hydro_twin.residual.limits import without_unreached
 
 
 @pytest.fixture(scope='module')

@@ -1,0 +1,376 @@
+"""The loop: effects added one after another, until nothing more earns its place."""
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from hydro_twin.effects import Effect, Placed
+from hydro_twin.fitting.fit import Fit
+from hydro_twin.fitting.output_error import initial_states
+from hydro_twin.fitting.parts import Part
+from hydro_twin.fitting.port_signals import PREDICTED, predicted_by_ports
+from hydro_twin.inference.context import Context, effects_of
+from hydro_twin.inference.criterion import CLEARLY, criterion, gain_p_value
+from hydro_twin.inference.findings import (
+    best_finding,
+    Chain,
+    explained_share,
+    Finding,
+    finding,
+    in_place,
+    other_findings,
+    share,
+    TRIED,
+)
+from hydro_twin.inference.proof import proof, residuals, surer_improvement
+from hydro_twin.inference.select import (
+    Alternative,
+    fit_alternatives,
+    is_distinguishable,
+    LONG,
+    refine,
+    search,
+    search_all,
+    unsearched,
+)
+from hydro_twin.inference.structure import drift, drifts
+from hydro_twin.predictors.scores import rms
+from hydro_twin.result import CLOSE, NEAR
+
+MOST = 3                # effects in a model
+LEVEL = 1e-3            # significance, corrected for all that was tried
+WORTH = 0.01            # least share of the mean square error that the first effect takes off
+MORE = 0.06             # and each after it, unless it settles what is left
+FINE = 0.2              # largest error of the time stepping, as a share of the residual
+FINE_ENOUGH, FINEST = 8, 16     # steps in a sample, while a model grows and in the end
+ROUNDS = 8              # most rounds of adding an effect
+LATER, AGAIN = 8, 4     # effects fitted in full after the first round, and for an exchange
+ENOUGH = 0.5            # least share above the noise that each takes off, if something is left, or
+#                         if others would take off as much
+AS_MUCH = 0.8           # share of a hysteretic law's gain from which a static one is enough
+SURELY_PREDICTED = 1e-4     # p-value below which the port signals certainly predict it
+HELD_OUT = 1.2          # ratio of held-out to training error above which it is not chance
+RIVALS = 1.5            # error over that of the effect in place: what leaves more after ten
+#                         evaluations is no rival to it
+
+
+def grow(base: Fit, alternatives: Sequence[Alternative], context: Context) -> Chain:
+    """Add the best effect, then the best of each further round, while they are likely.
+
+    Held-out data judge the whole model: beside a second effect that is still missing, the first
+    may not improve them.
+
+    Args:
+        base: the fit without any of the effects.
+        alternatives: of the first round, best first.
+        context: the data.
+    """
+    chain = Chain(base)
+    for _ in range(ROUNDS):
+        if not alternatives:
+            break
+        ranked = _memoryless_first(alternatives, chain.fit, context)
+        first = ranked[0]
+        fit = without_last(chain.fit, first.fit, context.parts)
+        chain = replace(chain, fit=fit)
+        if not likely(fit, first.fit, WORTH):
+            break
+        found = best_finding(fit, ranked)
+        if chain.findings and not _earned(found, fit, first, context.parts):
+            break
+        better = finely(first.fit, context.parts, FINE_ENOUGH)
+        context.remember(fit)
+        context.remember(better)
+        chain = _exchange(Chain(better, (*chain.findings, found)), context)
+        chain = _simplified(_refined(chain, chain.findings[:-1], context), context)
+        if len(chain.findings) == MOST:
+            break
+        alternatives = context.fit_alternatives(chain.fit, LATER)
+    chain = _proven(chain, base, context)
+    chain = _simplified(_refined(chain, chain.findings, context), context)
+    return _without_refuted(chain, context)
+
+
+def _memoryless_first(alternatives: Sequence[Alternative], base: Fit, context: Context
+                      ) -> list[Alternative]:
+    """Put a static law first where it explains about as much as one with memory.
+
+    Between steps of the command, hysteresis and a dead zone differ only at reversals. The gain of
+    hysteresis must show on held-out data; else the dead zone is taken.
+
+    Args:
+        alternatives: best first.
+        base: the fit without any of them.
+        context: the data.
+    """
+    first = alternatives[0]
+    effect = first.placed.effect
+    if effect.memory == 0 or effect.implicit or effect.dynamic:
+        return list(alternatives)
+    for rival in alternatives[1:]:
+        enough = base.error**2 - rival.fit.error**2 > AS_MUCH * (
+            base.error**2 - first.fit.error**2)
+        static = rival.placed.effect.memory == 0 and not rival.placed.effect.dynamic
+        if static and enough:
+            helps = proof(rival.fit, first.fit, context.held_out, context.seed)
+            if not helps.low > 0.0:
+                return [rival, *(one for one in alternatives if one is not rival)]
+    return list(alternatives)
+
+
+def _earned(found: Finding, without: Fit, added: Alternative, parts: Sequence[Part]) -> bool:
+    """Whether a later effect is more than the misfit of an earlier law.
+
+    The residual of one law is no evidence for any other. So the effect must be clearly the best,
+    unless it removes half of the residual; and remove much of it, or, as the only one, all that
+    the port signals predict.
+    """
+    nearest = _nearest(found, added.placed.effect)
+    if nearest < CLEARLY and found.share < ENOUGH:
+        return False
+    return found.share > MORE or (
+        nearest > NEAR and predicted_by_ports(without, parts)[1] < SURELY_PREDICTED
+        and predicted_by_ports(added.fit, parts)[1] > PREDICTED)
+
+
+def _refined(chain: Chain, findings: Sequence[Finding], context: Context) -> Chain:
+    """Refine effects again, now that what came after them no longer biases them."""
+    for found in findings:
+        chain = replace(chain, fit=refine([chain.fit], context.parts, found.index)[0])
+        context.remember(chain.fit)
+    return chain
+
+
+def _simplified(chain: Chain, context: Context) -> Chain:
+    """Put another effect in the place of each that is no longer distinguished from a simpler one.
+
+    Beside a later effect a dead zone may shrink to nothing about a centre, and so be a bias.
+    """
+    for _ in chain.findings:
+        k = next((k for k, found in enumerate(chain.findings) if not is_distinguishable(
+            chain.fit, context.parts, found.index)), None)
+        if k is None:
+            break
+        found, rest = chain.findings[k], other_findings(chain, k)
+        (without,) = context.without(chain.fit, [found.index])
+        # With all else as it is beside the effect: refitted without it, it may lead astray.
+        bare = unsearched(chain.fit.candidate.without(found.index), context.parts)
+        alternatives = fit_alternatives(bare, context.parts, context.times, AGAIN, False,
+                                        context.progress)
+        if alternatives and likely(without, alternatives[0].fit, WORTH):
+            chain = Chain(alternatives[0].fit, (*rest, best_finding(without, alternatives)))
+        else:
+            chain = Chain(without, rest)
+        context.remember(chain.fit)
+    return chain
+
+
+def without_last(base: Fit, better: Fit, parts: Sequence[Part]) -> Fit:
+    """Fit the base once more from the parameters of a fit with an effect; the better of the two.
+
+    The gain of a longer search must not be credited to the effect.
+    """
+    return min(base, search(better.candidate.without(-1), parts, 40), key=lambda fit: fit.cost)
+
+
+def likely(before: Fit, after: Fit, worth: float) -> bool:
+    """Whether an effect is significant and removes the least share of the training error.
+
+    And lowers what the fits minimise: an error that is smaller only because the parameters have
+    left their usual values further is not the effect's doing. A delay can be fitted so, since
+    it takes the place of the timing.
+    """
+    return (after.cost < before.cost and gain_p_value(before, after, TRIED) < LEVEL
+            and share(before, after) > worth)
+
+
+def _proven(chain: Chain, without: Fit, context: Context) -> Chain:
+    """Drop the effects that do not improve held-out data, the least helpful first.
+
+    An effect helps if the whole interval of the improvement is above zero. One that does not
+    gives way to an effect that the training data hardly tell from it, if that helps. Where one
+    could only be left out because another took its place as a simpler law, as a hysteresis that
+    is never crossed and so is a constant of each window, the other is dropped.
+
+    Short held-out data may not prove each of two effects without the other, as a dead zone with a
+    limit behind it. Where none would be left, those stay that surely help together, if each is
+    more likely to help than not.
+
+    Args:
+        chain: a model that has grown.
+        without: the fit without any of its effects.
+        context: the data.
+    """
+    if not chain.findings:
+        return chain
+    bare = context.without(chain.fit, chain.indices)
+    if len(bare) == 1:
+        bare = [min(bare[0], without, key=lambda fit: fit.cost)]
+    after = residuals(chain.fit, context.held_out)
+    gains = [surer_improvement(residuals(fit, context.held_out), after, context.seed)
+             for fit in bare]
+    fails = [k for k, gain in enumerate(gains) if not gain.low > 0.0]
+    if not fails:
+        return chain
+    least = min(fails, key=lambda k: gains[k].low)
+    if instead := _unrefuted(chain, least, bare[least], context):
+        return _proven(instead, without, context)
+    rest = other_findings(chain, least)
+    for k, found in enumerate(rest):
+        if not is_distinguishable(bare[least], context.parts, found.index):
+            least = k + (k >= least)
+            break
+    # What stood beside the others need not be the best by itself.
+    chosen = _exchange(Chain(bare[least], other_findings(chain, least)), context, last=True)
+    smaller = _proven(chosen, without, context)
+    if smaller.findings or len(gains) < 2 or not all(gain.relative > 0.0 for gain in gains):
+        return smaller
+    before = residuals(without, context.held_out)
+    return chain if surer_improvement(before, after, context.seed).low > 0.0 else smaller
+
+
+def _unrefuted(chain: Chain, k: int, without: Fit, context: Context) -> Chain | None:
+    """Put a close rival in the place of an effect that does not improve held-out data.
+
+    Args:
+        chain: a model that has grown.
+        k: which of its findings fails.
+        without: the fit without that.
+        context: the data.
+
+    Returns:
+        The model with the first close rival that improves held-out data; None if none does. Those
+        that do not are no longer rivals.
+    """
+    found = chain.findings[k]
+    for tries, ((_, distance), fit) in enumerate(_close_rivals(chain, k, context), 1):
+        if proof(without, fit, context.held_out, context.seed).low > 0.0:
+            instead = replace(
+                finding(without, fit, (), found.index),
+                rivals=tuple((placed, d - distance) for placed, d in found.rivals[tries:]))
+            return Chain(fit, (*chain.findings[:k], instead, *chain.findings[k + 1:]))
+    return None
+
+
+def _without_refuted(chain: Chain, context: Context) -> Chain:
+    """Drop close rivals that held-out data refute.
+
+    A stop and a limit behind which the state winds up differ only in how they are left, which the
+    training data may not show.
+    """
+    kept = []
+    for k, found in enumerate(chain.findings):
+        refuted = [rival for rival, fit in _close_rivals(chain, k, context)
+                   if proof(fit, chain.fit, context.held_out, context.seed).low > 0.0]
+        kept.append(replace(found, rivals=tuple(
+            rival for rival in found.rivals if rival not in refuted)))
+    return replace(chain, findings=tuple(kept))
+
+
+def _close_rivals(chain: Chain, k: int, context: Context
+                  ) -> Iterator[tuple[tuple[Placed, float], Fit]]:
+    """Fit each close rival in the place of an effect."""
+    found, candidate = chain.findings[k], chain.fit.candidate
+    close = [rival for rival in found.rivals if rival[1] < CLOSE]
+    others = candidate.effects[:found.index], candidate.effects[found.index + 1:]
+    fits = search_all([
+        replace(candidate, effects=(*others[0], placed, *others[1]),
+                timing={} if placed.effect.shifts else candidate.timing)
+        for placed, _ in close], context.parts, LONG)
+    return zip(close, fits, strict=True)
+
+
+def supported(chain: Chain, without: Fit, context: Context) -> Chain:
+    """Drop effects that explain less than half of the residual without them, if structure remains.
+
+    An effect that explains only a part is not the one that is missing.
+
+    Args:
+        chain: a model that has grown.
+        without: the fit without any of its effects.
+        context: the data.
+    """
+    if not chain.findings or not _leaves_something(chain, context):
+        return chain
+    bare = context.without(chain.fit, chain.indices) if len(chain.findings) > 1 else [without]
+    shares = [explained_share(fit, chain.fit) for fit in bare]
+    least = int(np.argmin(shares))
+    if shares[least] >= ENOUGH:
+        return chain
+    return supported(Chain(bare[least], other_findings(chain, least)), without, context)
+
+
+def _leaves_something(chain: Chain, context: Context) -> bool:
+    """Whether the residual cannot be noise.
+
+    The port signals or time predict it, or it is larger on held-out data. That it is larger than
+    white noise does not show it: the noise may be coloured.
+    """
+    fit = chain.fit
+    held_out = rms(np.concatenate(residuals(fit, context.held_out)))
+    return (predicted_by_ports(fit, context.parts)[1] < PREDICTED
+            or drifts(drift(fit, context.parts))
+            or not held_out <= HELD_OUT * fit.error)
+
+
+def _nearest(found: Finding, effect: Effect) -> float:
+    """Delta BIC of the closest effect of another name.
+
+    Delay, lag and mode hardly differ at low frequencies: beside one of them the others do not
+    count, since all say that linear dynamics are missing. Nor does a hysteretic rival that was
+    passed over for a static law, with a negative delta BIC: it says the same of the recording.
+    """
+    return min((d for rival, d in found.rivals if rival.effect.id != effect.id and d >= 0.0
+                and not (effect.dynamic and rival.effect.dynamic)), default=np.inf)
+
+
+def finely(fit: Fit, parts: Sequence[Part], finest: int) -> Fit:
+    """Shorten the steps until halving them changes the output little, then fit again."""
+    candidate = fit.candidate
+    while candidate.substeps < finest:
+        finer = replace(candidate, substeps=2 * candidate.substeps)
+        starts = [(part.inputs, start.x, start.z, None, part.start) for part, start in
+                  zip(parts, initial_states(candidate, parts), strict=True)]
+        change = rms(np.concatenate([finer.system.run(*start) - candidate.system.run(*start)
+                                     for start in starts]))
+        if change < FINE * fit.error:
+            break
+        candidate = finer
+    return fit if candidate is fit.candidate else search(candidate, parts, 40)
+
+
+def _exchange(chain: Chain, context: Context, last: bool = False,
+              left: frozenset[frozenset[str]] = frozenset()) -> Chain:
+    """Choose each earlier effect again, now that the last one is in the model.
+
+    It may have become unnecessary, and is dropped; or it may have stood in for two, and another
+    replaces it. Its rivals are those beside the other effects. Effects that were left for others
+    are not returned to: a search may end better from here, and these from there.
+
+    Args:
+        chain: a model that has grown.
+        context: the data.
+        last: whether to choose the last one again, too.
+        left: sets of effects that were replaced before.
+    """
+    left |= {effects_of(chain.fit.candidate)}
+    for k, found in enumerate(chain.findings[:None if last else -1]):
+        placed = chain.fit.candidate.effects[found.index]
+        (without,), rest = context.without(chain.fit, [found.index]), other_findings(chain, k)
+        with_it, bare = criterion([chain.fit, without])
+        if bare < with_it + CLEARLY or share(without, chain.fit) < WORTH:
+            return _exchange(Chain(without, rest), context, last, left)
+        alternatives = context.fit_alternatives(without, AGAIN, RIVALS * chain.fit.error)
+        scores = criterion([chain.fit, *(c.fit for c in alternatives)])
+        if (alternatives and scores[1] < scores[0] - CLEARLY
+                and effects_of(alternatives[0].fit.candidate) not in left):
+            instead = best_finding(without, alternatives)
+            better = finely(alternatives[0].fit, context.parts, FINE_ENOUGH)
+            return _exchange(Chain(better, (*rest, instead)), context, last, left)
+        others = [c for c in alternatives
+                  if (c.id, c.placed.port) != (placed.effect.id, placed.port)]
+        kept = finding(without, chain.fit, in_place(others), found.index)
+        chain = replace(chain, findings=(*chain.findings[:k], kept, *chain.findings[k + 1:]))
+    return chain

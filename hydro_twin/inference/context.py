@@ -1,0 +1,87 @@
+"""The data of a search for effects, and what has been fitted to them so far."""
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass, field, replace
+from itertools import islice
+import math
+
+from hydro_twin.effects import Placed
+from hydro_twin.fitting.fit import Fit
+from hydro_twin.fitting.parts import Part
+from hydro_twin.inference.select import Alternative, fit_alternatives, search_all
+from hydro_twin.model import Model
+
+
+@dataclass(frozen=True)
+class Context:
+    """The data of a search, and what has been fitted to them so far.
+
+    Attributes:
+        parts: the training data.
+        held_out: the held-out data.
+        times: stamps [s] of the first and the last sample of both.
+        known: the alternatives fitted on top of each model.
+        fits: the best fit with each set of effects.
+    """
+
+    parts: Sequence[Part]
+    held_out: Sequence[Part]
+    times: tuple[float, float]
+    seed: int
+    progress: Callable[[str], None]
+    known: dict[tuple[frozenset[str], int, int], list[Alternative]] = field(
+        default_factory=dict)
+    fits: dict[frozenset[str], Fit] = field(default_factory=dict)
+
+    def fit_alternatives(self, fit: Fit, most: int, most_error: float = math.inf
+                         ) -> list[Alternative]:
+        """Fit effects on top of a fit, once for each set of unknowns."""
+        key = (effects_of(fit.candidate), len(fit.unknowns), most)
+        if key not in self.known:
+            self.known[key] = fit_alternatives(fit, self.parts, self.times, most, False,
+                                               self.progress, most_error=most_error)
+            for alternative in self.known[key]:
+                self.remember(alternative.fit)
+        return self.known[key]
+
+    def remember(self, fit: Fit) -> None:
+        """Keep a fit, unless a better one with the same effects is known."""
+        key = effects_of(fit.candidate)
+        if key not in self.fits or fit.cost < self.fits[key].cost:
+            self.fits[key] = fit
+
+    def best(self, fit: Fit) -> Fit:
+        """Return the best fit known with the effects of this one."""
+        return min(fit, self.fits.get(effects_of(fit.candidate), fit), key=lambda f: f.cost)
+
+    def without(self, fit: Fit, indices: Iterable[int]) -> list[Fit]:
+        """Take each of some effects out by itself, and fit the rest again.
+
+        From its present values and from those of the best fit known with the same effects: the
+        values beside an effect are a poor start without it.
+        """
+        starts = []
+        for index in indices:
+            bare = fit.candidate.without(index)
+            starts.append([bare])
+            if known := self.fits.get(effects_of(bare)):
+                placed = {_name(p): p for p in known.candidate.effects}
+                starts[-1].append(replace(
+                    known.candidate, substeps=bare.substeps,
+                    effects=tuple(placed[_name(p)] for p in bare.effects)))
+        fits = search_all([start for some in starts for start in some], self.parts, 40)
+        best = [min(islice(fits, len(some)), key=lambda fit: fit.cost) for some in starts]
+        for fit in best:
+            self.remember(fit)
+        return best
+
+
+def effects_of(candidate: Model) -> frozenset[str]:
+    """Name the effects of a candidate with their ports, in whatever order."""
+    return frozenset(map(_name, candidate.effects))
+
+
+def _name(placed: Placed) -> str:
+    """Name an effect with its port."""
+    return f'{placed.effect.id} {placed.port.kind} {placed.port.name}'

@@ -1,0 +1,210 @@
+"""From the evidence of a trace to its result: judged, estimated, run and drawn, each once."""
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+from functools import partial
+
+import numpy as np
+from scipy.linalg import null_space
+
+from hydro_twin.fitting.estimates import combination_estimates, fitted_model
+from hydro_twin.fitting.fit import Fit
+from hydro_twin.fitting.horizon import HORIZON, horizon_errors
+from hydro_twin.fitting.identifiability import Identifiability
+from hydro_twin.fitting.noise import estimate_noise
+from hydro_twin.fitting.outputs import sensor_rms
+from hydro_twin.fitting.parallel import in_processes
+from hydro_twin.fitting.unknowns import get, label
+from hydro_twin.inference.evidence import Evidence
+from hydro_twin.inference.probability import of_verdict
+from hydro_twin.inference.shape import shape_of
+from hydro_twin.inference.structure import drifts
+from hydro_twin.inference.verdict import is_structured, LIKELY, named_effects, verdict_of
+from hydro_twin.model import Model
+from hydro_twin.plants.plant import FloatArray
+from hydro_twin.predictors.analytical import Analytical
+from hydro_twin.predictors.predictor import MODES, OBSERVER
+from hydro_twin.predictors.scores import (
+    Errors,
+    errors_in,
+    first_scored,
+    persistence,
+    predict,
+    rms,
+)
+from hydro_twin.recording.series import Recording, Series
+from hydro_twin.result import (
+    Factor,
+    FoundCurve,
+    OutputErrors,
+    Remainder,
+    Run,
+    SeriesErrors,
+    Spell,
+    TraceResult,
+)
+
+PARTS = ('test', 'train')
+Predictions = dict[str, list[FloatArray]]       # mode -> of each series; test part, then training
+
+
+def result_of(found: Evidence) -> TraceResult:
+    """Evaluate all that is said of a trace.
+
+    Every series is predicted once by each model and mode, and errors, figures and tables are
+    those of these predictions.
+    """
+    series = [one for part in PARTS for one in found.recordings[part].series]
+    fits = {'before': found.before, 'after': found.final}
+    same = found.final is found.before
+    before = _predictions(found.before, series)
+    predicted = {'before': before,
+                 'after': before if same else _predictions(found.final, series)}
+    errors = {when: _errors(found, predicted[when])
+              | (horizon_errors(fit.candidate, found.recordings) if found.by_horizon else {})
+              for when, fit in fits.items()}
+    known = {'before': found.before.identifiability(),
+             'after': found.known or found.final.identifiability()}
+    models = {when: fitted_model(fit, known[when],
+                                 {'before': errors['before'], 'after': errors[when]})
+              for when, fit in fits.items()}
+    observed = list(in_processes(partial(_observed, found.recordings),
+                                 [models['before']] if same else [*models.values()]))
+    models = {'before': observed[0], 'after': observed[-1]}
+    effects, verdict = named_effects(found), verdict_of(found)
+    nothing, law_unknown = of_verdict(verdict, effects)
+    return TraceResult(
+        plant=found.plant, verdict=verdict, nothing=nothing, law_unknown=law_unknown,
+        evidence_left=found.evidence_left, tested=found.tested,
+        horizon=_longest_window(found.recordings['test']) if found.by_horizon else None,
+        before=models['before'], after=models['after'],
+        combinations={when: combination_estimates(fits[when], known[when]) for when in fits},
+        factor=_factor(fits['after'], known['after']), effects=effects,
+        shapes=tuple(shape_of(found.final, effect.placed, found.fitted) for effect in effects),
+        found=None if found.found is None else FoundCurve(
+            found.found.placed, found.found.proof, found.found.p_value, found.found.others),
+        best_named=found.best_named,
+        improvement=found.improvement, hidden=found.hidden, remainder=_remainder(found),
+        outputs=_by_output(found, models), series=_by_series(found, predicted),
+        runs=_runs(found, series, predicted),
+        persistence=persistence(found.recordings['test'], found.plant), noise=found.floor,
+        memory=found.memory,
+        fails=found.fails, parts=(len(found.train), len(found.test)))
+
+
+def _longest_window(recording: Recording) -> float:
+    """Return how long [s] a window of the error over a horizon is at most."""
+    return min(HORIZON, max(len(series) * series.sample_time for series in recording.series))
+
+
+def _factor(fit: Fit, known: Identifiability) -> Factor:
+    """Keep of what the data determine the parameters, in their units."""
+    unknowns = {label(unknown): unknown for unknown in fit.unknowns}
+    columns = [(k, unknowns[name]) for k, name in enumerate(known.coordinates)
+               if unknowns[name].owner != 'timing']
+    kept = [k for k, _ in columns]
+    scale = [get(fit.candidate, unknown) if unknown.log else unknown.scale
+             for _, unknown in columns]
+    others = np.delete(known.factor, kept, axis=1)
+    left = null_space(others.T).T if others.size else np.eye(len(known.factor))
+    return Factor(
+        tuple((unknown.name, int(unknown.owner) if unknown.owner else None)
+              for _, unknown in columns),
+        left @ known.factor[:, kept] / scale, left @ known.step)
+
+
+def _predictions(fit: Fit, series: Sequence[Series]) -> Predictions:
+    predictor = Analytical(fit.candidate)
+    return {mode: predict(predictor, series, mode) for mode in MODES}
+
+
+def _observed(recordings: Mapping[str, Recording], model: Model) -> Model:
+    """Give a model the noise that its observer needs, and the errors of that."""
+    noise = estimate_noise(model, recordings['train'].series)
+    if noise is None:
+        return model
+    model = replace(model, noise=noise)
+    errors = errors_in(Analytical(model), recordings, OBSERVER)
+    return model.with_record(errors={
+        **model.errors, 'after': {**model.errors['after'], OBSERVER: errors}})
+
+
+def _missed(found: Evidence, predicted: Predictions, mode: str) -> dict[str, list[FloatArray]]:
+    """Measured less predicted, scored samples only, of each series of each part."""
+    left = iter(predicted[mode])
+    return {part: [(one[found.plant.output.name] - next(left))[
+        first_scored(one, found.plant, mode):] for one in found.recordings[part].series]
+        for part in PARTS}
+
+
+def _errors(found: Evidence, predicted: Predictions) -> Errors:
+    """Score a model on both parts; nan where a run diverges."""
+    missed = {mode: _missed(found, predicted, mode) for mode in MODES}
+    return {mode: {part: rms(np.concatenate(missed[mode][part])) for part in ('train', 'test')}
+            for mode in MODES}
+
+
+def _by_series(found: Evidence, predicted: dict[str, Predictions]) -> tuple[SeriesErrors, ...]:
+    """Score each series; training and test part together where both are cut from it."""
+    sources = [one.source for one in found.recordings['train'].series]
+    rows: list[dict[str, Errors]] = [
+        {when: {mode: {} for mode in MODES} for when in predicted} for _ in sources]
+    for when, predictions in predicted.items():
+        for mode in MODES:
+            missed = _missed(found, predictions, mode)
+            for part in ('train', 'test'):
+                if len(missed[part]) == len(sources):
+                    for row, error in zip(rows, missed[part], strict=True):
+                        row[when][mode][part] = rms(error)
+    return tuple(SeriesErrors(source, **row) for source, row in zip(sources, rows, strict=True)
+                 if all(np.isfinite(error) for errors in row.values()
+                        for parts in errors.values() for error in parts.values()))
+
+
+def _by_output(found: Evidence, models: Mapping[str, Model]) -> dict[str, OutputErrors]:
+    """Score the free runs on the output and on each sensor."""
+    plant = found.plant
+    left = {**found.final.noise, plant.output.name: found.floor}
+    errors = {when: {plant.output.name: model.errors['after']['free_run']}
+              | (sensor_rms(Analytical(model), found.recordings) if len(left) > 1 else {})
+              for when, model in models.items()}
+    units = {signal.name: signal.unit for signal in (plant.output, *plant.sensors)}
+    return {name: OutputErrors(units[name], errors['before'][name], errors['after'][name], noise)
+            for name, noise in left.items()}
+
+
+def _runs(found: Evidence, series: Sequence[Series], predicted: dict[str, Predictions]
+          ) -> tuple[Run, ...]:
+    """Put the free runs beside what was measured, of each series long enough to be scored."""
+    labels = [f'{name} {k + 1}' for name, part in (('test', 'test'), ('training', 'train'))
+              for k in range(len(found.recordings[part].series))]
+    return tuple(
+        Run(label, one, one[found.plant.output.name],
+            first_scored(one, found.plant, 'free_run'), before, after)
+        for label, one, before, after in zip(
+            labels, series, predicted['before']['free_run'], predicted['after']['free_run'],
+            strict=True) if len(one) > first_scored(one, found.plant, 'free_run'))
+
+
+def _remainder(found: Evidence) -> Remainder:
+    return Remainder(
+        error=found.after.error, held_out_error=found.held_out_error, white=found.white,
+        lines=found.lines, spells=_spells(found), depends_on=found.depends_on,
+        drifts=drifts(found.drifts), by_ports=found.by_ports, loud=found.is_loud,
+        larger_held_out=found.is_larger_held_out, structured=is_structured(found, LIKELY))
+
+
+def _spells(found: Evidence) -> tuple[Spell, ...]:
+    """Say when the bursts come, in seconds from the begin of their bag."""
+    parts, candidate = [*found.train, *found.test], found.after.candidate
+    sample_time = candidate.sample_time
+    begin = {bag: min(part.start for part in parts if part.source == bag)
+             for bag in {part.source for part in parts}}
+    spells = []
+    for burst in found.bursts:
+        part = parts[burst.stretch]
+        at = 1e-9 * (part.start - begin[part.source]) + candidate.start_up * sample_time
+        spells.append(Spell(part.source, at + burst.begin * sample_time,
+                            at + burst.end * sample_time))
+    return tuple(sorted(spells, key=lambda spell: (spell.bag, spell.begin)))

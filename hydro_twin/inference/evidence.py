@@ -1,0 +1,107 @@
+"""What the search of a trace ends with: fits, findings, and the tests of the last residual."""
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+import math
+
+from hydro_twin.fitting.autoregression import effective_samples
+from hydro_twin.fitting.fit import Fit
+from hydro_twin.fitting.identifiability import Identifiability
+from hydro_twin.fitting.parts import Part
+from hydro_twin.inference.chain import HELD_OUT
+from hydro_twin.inference.curve import FittedCurve
+from hydro_twin.inference.findings import Finding
+from hydro_twin.inference.noise import Burst
+from hydro_twin.plants import Plant
+from hydro_twin.recording.series import Recording
+from hydro_twin.result import BestNamed, Dependence, Hidden, Improvement, Line, Memory
+
+LOUD = 6.0              # error over that of the noise, beyond which it cannot all be noise
+ALL = 1.0 - 1e-9        # share of a residual beyond which its logarithm is rounding
+
+
+@dataclass(frozen=True)
+class Evidence:
+    """What tracing found, as it was found.
+
+    Attributes:
+        before, after: the fit at the start and at the end, on the training parts.
+        train, test: the parts, in the order of the series.
+        recordings: what these parts are of, by 'train' and 'test'; what is reported is scored on
+            them.
+        fitted: what of the training parts was fitted: all, or stretches of a long recording.
+        hidden: effects that the recording could not have shown, if the model fits.
+        improvement: of what is judged, see `TraceResult`, by what was named and by the curve.
+        by_horizon: whether that is the error over a horizon, see `judged_errors`.
+        held_out_error: RMS of the residual of `after` on the like of the test parts, but for
+            their initial states.
+        floor: estimated RMS of the noise.
+        bursts: when much of what is left comes, if seldom; in `train`, then in `test`.
+        depends_on: what the residual of `after` still depends on.
+        drifts: (share, p-value) of a drift of the parameters in what is left.
+        by_ports: (share, p-value) of what is left that the port signals predict.
+        found: a curve without a name, on top of `after`.
+        known: what all recordings determine of `final`, where earlier ones were used; None: what
+            the parts that were fitted do.
+        tested, best_named, memory: see `TraceResult`.
+    """
+
+    plant: Plant
+    before: Fit
+    after: Fit
+    train: Sequence[Part]
+    test: Sequence[Part]
+    recordings: Mapping[str, Recording]
+    fitted: Sequence[Part]
+    hidden: tuple[Hidden, ...]
+    findings: tuple[Finding, ...]
+    improvement: Improvement
+    by_horizon: bool
+    held_out_error: float
+    floor: float
+    white: bool
+    lines: tuple[Line, ...]
+    bursts: tuple[Burst, ...]
+    depends_on: tuple[Dependence, ...]
+    drifts: tuple[float, float]
+    by_ports: tuple[float, float]
+    found: FittedCurve | None = None
+    tested: int = 0
+    best_named: BestNamed | None = None
+    known: Identifiability | None = None
+    memory: Memory | None = None
+
+    @property
+    def final(self) -> Fit:
+        """The model with all that was found, named or not."""
+        return self.after if self.found is None else self.found.fit
+
+    @property
+    def evidence_left(self) -> float:
+        """What the port signals predict of what is left, as a log-likelihood [nats]."""
+        share = min(max(self.by_ports[0], 0.0), ALL)
+        return 0.5 * effective_samples(self.after.by_part) * math.log(1.0 / (1.0 - share))
+
+    @property
+    def additions(self) -> int:
+        """How much was added to the model, named or not."""
+        return len(self.findings) + (self.found is not None)
+
+    @property
+    def fails(self) -> bool:
+        """Whether the model does not fit, and nothing was found that would help.
+
+        Then what an effect would have shown beside it says nothing of the recording.
+        """
+        return self.additions == 0 and self.is_loud
+
+    @property
+    def is_loud(self) -> bool:
+        """Whether more is left than noise that is even remotely white."""
+        return self.after.error > LOUD * self.floor
+
+    @property
+    def is_larger_held_out(self) -> bool:
+        """Whether the model fails on held-out data, in which more must happen."""
+        return not self.held_out_error <= HELD_OUT * self.after.error

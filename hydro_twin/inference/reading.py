@@ -1,0 +1,200 @@
+"""Reading a free curve: named laws, alone and composed, that draw it.
+
+A dead zone with a saturation behind it is one curve, and no single law. So static laws of the
+library are fitted to the curve, by themselves and one behind another along the way of its signal.
+Those that draw it best are then fitted to the recording in its place.
+"""
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from itertools import combinations, product
+
+import numpy as np
+from scipy.optimize import least_squares
+
+from hydro_twin.effects import Effect, Placed, Span
+from hydro_twin.effects.curve import values
+from hydro_twin.effects.dispatch import code, transmit
+from hydro_twin.fitting.output_error import free_run
+from hydro_twin.fitting.parts import Part
+from hydro_twin.fitting.unknowns import effect_unknowns
+from hydro_twin.inference.passing import passing
+from hydro_twin.inference.screen import places, spans
+from hydro_twin.model import Model
+from hydro_twin.plants import Port
+from hydro_twin.plants.plant import FloatArray
+
+SAMPLES = 100           # values of the signal at which laws are compared with a curve; half of
+#                         them evenly spaced, half at quantiles
+ALONG = 0.9             # cosine to the signal of the curve, from which a port is on its way
+LAWS = 3                # most laws in a reading
+FORMS = 3               # forms of a law, the best by themselves, that compositions start from
+STEPS = 30              # of a fit to the curve, which costs next to nothing
+FAR = 5.0               # most that a coordinate moves in it: a factor of 150, or six times a size
+POOR = 0.5              # share of the power of a curve; what leaves more does not draw it
+CORNER = 0.01           # share that a curve of few knots misses of laws with corners
+READ = 6                # readings that are fitted to the recording
+
+
+@dataclass(frozen=True)
+class Site:
+    """A static law on the way of a signal.
+
+    Attributes:
+        gain: what reaches the port over the signal.
+        reach: of the port in the recording.
+    """
+
+    effect: Effect
+    port: Port
+    gain: float
+    reach: Span
+
+
+@dataclass(frozen=True)
+class Characteristic:
+    """What a curve makes of its signal.
+
+    Attributes:
+        signal: values of it, (N,).
+        passed: these with what the curve adds, in the unit of the signal, (N,).
+    """
+
+    signal: FloatArray
+    passed: FloatArray
+
+
+@dataclass(frozen=True)
+class Composition:
+    """Laws one behind another, and what they leave of a curve, as a sum of squares."""
+
+    left: float
+    laws: tuple[Placed, ...]
+
+
+def is_static(effect: Effect) -> bool:
+    """Whether the law of an effect is a function of what reaches its port, and of nothing else."""
+    return (effect.law is not None and effect.memory == 0 and not effect.implicit
+            and effect.reads in ((), ('value',)))
+
+
+def readings(candidate: Model, parts: Sequence[Part]) -> list[Model]:
+    """Put compositions of static laws in the place of a curve, those that draw it best first.
+
+    Args:
+        candidate: a model whose last effect is the curve.
+        parts: what it was fitted to.
+
+    Returns:
+        Up to `READ` models. None where the curve is over something else than what passes at its
+        port, or where no composition draws it.
+    """
+    drawn, sites = _along(candidate, parts)
+    forms = [_forms(drawn, site) for site in sites]
+    tried = [_composed(drawn, some) for count in range(1, LAWS + 1)
+             for some in combinations(forms, count)]
+    bend = drawn.passed - drawn.signal
+    power = float(bend @ bend)
+    # One law more must leave half as much.
+    ranked = sorted((one for one in tried if one.left < POOR * power),
+                    key=lambda one: (one.left + CORNER * power) * 2.0 ** len(one.laws))
+    bare = candidate.without(len(candidate.effects) - 1)
+    return [replace(bare, effects=(*bare.effects, *one.laws)) for one in ranked[:READ]]
+
+
+def _along(candidate: Model, parts: Sequence[Part]) -> tuple[Characteristic, list[Site]]:
+    """Find what the curve, the last effect, passes, and the static laws on the way of its signal.
+
+    A port is on the way where what reaches it goes with the signal but for a constant factor. Of
+    the ports that a law may sit on, it is at the one that goes with it best.
+    """
+    *_, placed = candidate.effects
+    plant, start_up = candidate.plant, candidate.start_up
+    at_port, rows = [passing(candidate, placed, part) for part in parts], []
+    for part in parts:
+        seen = np.zeros((len(part.inputs), len(candidate.system.step.H)))
+        free_run(candidate, part, seen)
+        rows.append(np.nan_to_num(seen[start_up:]))
+    reaching = np.concatenate(rows)
+    signal, own = (np.concatenate([np.nan_to_num(one.signals[name][start_up:]) for one in at_port])
+                   for name in (placed.effect.reads[0], 'value'))
+    reaching[:, plant.ports.index(placed.port)] = own
+    if not _alike(signal, own) > ALONG:
+        return Characteristic(signal, signal), []
+    reach = spans(candidate.without(len(candidate.effects) - 1), parts)
+    best: dict[str, tuple[float, Site]] = {}
+    for effect, port in places(plant, candidate.effects):
+        value = reaching[:, plant.ports.index(port)]
+        alike = _alike(signal, value) if is_static(effect) else 0.0
+        if alike > max(ALONG, best[effect.id][0] if effect.id in best else 0.0):
+            best[effect.id] = alike, Site(effect, port, _gain(signal, value), reach[port])
+    sites = sorted((site for _, site in best.values()),
+                   key=lambda site: plant.ports.index(site.port))
+    share = np.linspace(0.0, 1.0, SAMPLES // 2)
+    picked = np.sort(np.concatenate([np.quantile(signal, share),
+                                     signal.min() + share * np.ptp(signal)]))
+    return Characteristic(picked, picked + values(placed, picked) / _gain(signal, own)), sites
+
+
+def _alike(signal: FloatArray, value: FloatArray) -> float:
+    """Return how well a value is a multiple of a signal: the size of the cosine between them."""
+    size = float(np.linalg.norm(signal) * np.linalg.norm(value))
+    return abs(float(signal @ value)) / size if size > 0.0 else 0.0
+
+
+def _gain(signal: FloatArray, value: FloatArray) -> float:
+    """Return the factor from a signal to a value by least squares."""
+    return float(signal @ value) / float(signal @ signal)
+
+
+def _missed(drawn: Characteristic, laws: Sequence[Placed], gains: Sequence[float]) -> FloatArray:
+    """Return what laws one behind another leave of a curve, at the best gain of the plant."""
+    passed = np.array(drawn.signal)
+    for placed, factor in zip(laws, gains, strict=True):
+        transmit(passed, factor, code(placed.effect), np.array(placed.values), np.zeros(2))
+    power = float(passed @ passed)
+    scale = float(passed @ drawn.passed) / power if power > 0.0 else 0.0
+    missed: FloatArray = drawn.passed - scale * passed
+    return missed
+
+
+def _forms(drawn: Characteristic, site: Site) -> list[tuple[Site, Placed]]:
+    """List the forms of one law that draw a curve best by themselves, at most `FORMS`."""
+    def left(placed: Placed) -> float:
+        missed = _missed(drawn, [placed], [site.gain])
+        return float(missed @ missed)
+
+    simple = sorted((Placed(site.effect, site.port, tuple(start))
+                     for start in site.effect.starts(site.reach)), key=left)[:FORMS]
+    refined = [] if site.effect.refined is None else [
+        replace(one, values=tuple(form)) for one in simple
+        for form in site.effect.refined(site.reach, one.values)]
+    return [(site, placed) for placed in sorted([*simple, *refined], key=left)[:FORMS]]
+
+
+def _composed(drawn: Characteristic, forms: Sequence[list[tuple[Site, Placed]]]) -> Composition:
+    """Fit laws one behind another to a curve, from the best of their forms."""
+    gains = [some[0][0].gain for some in forms]
+
+    def left(laws: Sequence[Placed]) -> float:
+        missed = _missed(drawn, laws, gains)
+        return float(missed @ missed)
+
+    begun = min(product(*([placed for _, placed in some] for some in forms)), key=left)
+    unknowns = [(k, one) for k, placed in enumerate(begun) for one in effect_unknowns(k, placed)]
+
+    def laws_at(coordinates: FloatArray) -> list[Placed]:
+        named = [dict(placed.named) for placed in begun]
+        for (k, unknown), coordinate in zip(unknowns, coordinates, strict=True):
+            named[k][unknown.name] = unknown.value(float(coordinate))
+        return [replace(placed, values=tuple(own.values()))
+                for placed, own in zip(begun, named, strict=True)]
+
+    def missed(coordinates: FloatArray) -> FloatArray:
+        return _missed(drawn, laws_at(coordinates), gains)
+
+    start = np.array([one.coordinate(begun[k].named[one.name]) for k, one in unknowns])
+    found = least_squares(missed, start, bounds=(start - FAR, start + FAR), max_nfev=STEPS)
+    laws = min((list(begun), laws_at(found.x)), key=left)
+    return Composition(left(laws), tuple(laws))

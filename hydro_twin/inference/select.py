@@ -1,0 +1,320 @@
+"""Choosing the next effect: alternatives are fitted with the plant and compared by their BIC.
+
+Each alternative is fitted together with all physical parameters, from its own starting points. The
+BIC is that of the residuals after one whitening filter for all, so that samples of coloured noise
+do not count as independent.
+"""
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass, replace
+from itertools import compress, islice, takewhile
+import math
+
+import numpy as np
+
+from hydro_twin.effects import Placed
+from hydro_twin.fitting.fit import Fit
+from hydro_twin.fitting.linear import SUBSTEPS
+from hydro_twin.fitting.output_error import residuals
+from hydro_twin.fitting.parallel import in_processes
+from hydro_twin.fitting.parts import Part
+from hydro_twin.fitting.problem import Problem, solve_all
+from hydro_twin.fitting.unknowns import (
+    effect_unknowns,
+    plant_unknowns,
+    timing_unknowns,
+    Unknown,
+)
+from hydro_twin.fitting.whiteness import is_white
+from hydro_twin.inference.apart import by_recording, goes_with_time, joined
+from hydro_twin.inference.criterion import CLEARLY, criterion, refinement_gain
+from hydro_twin.inference.screen import places, Prospect, screen, spans
+from hydro_twin.inference.starts import (
+    drift_starts,
+    linear_starts,
+    nearest,
+    relocated,
+    shortlist,
+    with_effect,
+)
+from hydro_twin.model import Model
+from hydro_twin.predictors.scores import rms
+
+LEADING, RACING = 10, 4     # effects that promise most; evaluations from two starts of each
+KEPT = 4                # effects that are fitted to convergence
+SHORT, LONG = 10, 40    # evaluations of a search: to compare, to converge
+WITHIN = 3.0            # ratio to the lowest error beyond which no refinement makes up for it
+HOPELESS = 5.0          # and beyond which no longer search does
+PROMISING = 20.0        # likelihood ratio below which a score is chance
+
+
+@dataclass(frozen=True)
+class Alternative:
+    """A fit with one effect more than the base: the last of the candidate's effects."""
+
+    fit: Fit
+
+    @property
+    def placed(self) -> Placed:
+        """The effect added."""
+        return self.fit.candidate.effects[-1]
+
+    @property
+    def id(self) -> str:
+        """Its id."""
+        return self.placed.effect.id
+
+
+def search(candidate: Model, parts: Sequence[Part], evaluations: int) -> Fit:
+    """Fit all physical parameters, timing and effects of a candidate from its present values.
+
+    Effects beside which a free curve was added are held, since the curve can imitate them.
+    """
+    return next(search_all([candidate], parts, evaluations))
+
+
+def search_all(candidates: Sequence[Model], parts: Sequence[Part], evaluations: int
+               ) -> Iterator[Fit]:
+    """Fit several, on all cores, and yield the fits in their order."""
+    return solve_all(_problems(candidates, parts), evaluations, 1e-5)
+
+
+def unsearched(candidate: Model, parts: Sequence[Part]) -> Fit:
+    """Take a candidate as it is for a fit."""
+    return _problems([candidate], parts)[0].as_it_is()
+
+
+def _problems(candidates: Sequence[Model], parts: Sequence[Part]) -> list[Problem]:
+    """Set up the fit of each candidate."""
+    return [Problem(candidate, searched(candidate), parts) for candidate in candidates]
+
+
+def searched(candidate: Model) -> list[Unknown]:
+    """List the unknowns of a candidate, see `search`."""
+    plant = candidate.plant
+    delayed = any(placed.effect.shifts for placed in candidate.effects)
+    unknowns = plant_unknowns(plant, 'physical')
+    unknowns += [] if delayed else timing_unknowns(plant, candidate.sample_time)
+    held = max((k for k, placed in enumerate(candidate.effects) if not placed.effect.named),
+               default=0)
+    for index, placed in enumerate(candidate.effects[held:], held):
+        unknowns += effect_unknowns(index, placed)
+    return unknowns
+
+
+def fit_alternatives(base: Fit, parts: Sequence[Part], times: tuple[float, float], most: int,
+                     afresh: bool,
+                     progress: Callable[[str], None] = lambda _: None,
+                     known: Sequence[Model] = (), most_error: float = math.inf
+                     ) -> list[Alternative]:
+    """Fit a base with one effect more, for each effect and port; best first.
+
+    A low score does not rule an effect out: the parameters may imitate it at the base's values,
+    but not at those of the full fit. An effect that hides in this way is always fitted. And a
+    strong effect biases the linear fit so much that no search leads on from there. So a first
+    round also starts from the middle of the box and from the fit by the one-step error.
+
+    Args:
+        base: the fit without the effect.
+        parts: the data to fit.
+        times: stamps [s] between which a parameter may drift.
+        most: how many effects to fit, by their score, beside those that hide.
+        afresh: whether to start with other values of the plant's parameters, too.
+        progress: called with what is being fitted.
+        known: further starting points, each with one effect more than the base.
+        most_error: what leaves more is not searched on, nor refined.
+    """
+    prospects = screen(base, parts)
+    if not afresh and nothing_shows(base, prospects):
+        return []
+    reach = spans(base.candidate, parts)
+    hiding = [Placed(effect, port, tuple(values))
+              for effect, port in places(base.candidate.plant, base.candidate.effects)
+              if effect.hides for values in effect.starts(reach[port])[:1]]
+    near = [with_effect(base.candidate, placed)
+            for placed in (*shortlist(prospects, most), *hiding)]
+    plain = [*known, *drift_starts(base, parts, times)]
+    if afresh:
+        plain += nearest(linear_starts(base.candidate, parts), parts)
+    return finish(base, race([*plain, *near], parts, progress), parts, most_error)
+
+
+def race(candidates: Sequence[Model], parts: Sequence[Part],
+         progress: Callable[[str], None]) -> list[Fit]:
+    """Search for a few evaluations from the candidates that promise most; best first.
+
+    Successive halving [Jamieson and Talwalkar 2016] by effects and ports: first by what a linear
+    step from each candidate would leave; then, after a few evaluations, the better of two
+    candidates goes on. The others stay as they are. What hides may lead only after a search, so it
+    always goes on. The evaluations that only rank take few steps in a sample.
+    """
+    problems = _problems([replace(candidate, substeps=min(candidate.substeps, SUBSTEPS))
+                          for candidate in candidates], parts)
+    promises = []
+    for problem, (here, leaves) in zip(problems, in_processes(Problem.linear_prediction, problems),
+                                       strict=True):
+        last = problem.base.effects[-1]
+        progress(f'{last.effect.id} at {last.port.name}')
+        promises.append((leaves, problem.fit(here)))
+    ranked = at_each_place([fit for _, fit in sorted(promises, key=lambda one: one[0])])
+    goes_on = [rank < LEADING or fits[0].candidate.effects[-1].effect.hides
+               for rank, fits in enumerate(ranked)]
+    two = [fits[:2] for fits in compress(ranked, goes_on)]
+    short = search_all([fit.candidate for fits in two for fit in fits], parts, RACING)
+    better = [best_first(list(islice(short, len(fits))))[0] for fits in two]
+    substeps = max((candidate.substeps for candidate in candidates), default=SUBSTEPS)
+    further = search_all([replace(fit.candidate, substeps=substeps) for fit in better], parts,
+                         SHORT - RACING)
+    return best_first([*further, *(
+        fits[0] for fits, goes in zip(ranked, goes_on, strict=True) if not goes)])
+
+
+def nothing_shows(base: Fit, prospects: Sequence[Prospect]) -> bool:
+    """Whether the residual is white and no effect has a score above chance."""
+    most = max((p.share for p in prospects), default=0.0)
+    return most * len(base.residual) < PROMISING and is_white(base.by_part)
+
+
+def free_run_error(candidate: Model, parts: Sequence[Part]) -> float:
+    """RMS of the residual at the present values, 1e30 where the run diverges."""
+    return rms(np.nan_to_num(np.concatenate(residuals(candidate, parts)), nan=1e30))
+
+
+def finish(base: Fit, ranked: Sequence[Fit], parts: Sequence[Part],
+           most_error: float = math.inf) -> list[Alternative]:
+    """Fit the best to convergence, refine their last effects, and rank all of them.
+
+    The law of the best is tried at its other ports, too, from its fit and from the base: the
+    search from its own start there may have ended in a local minimum.
+
+    Args:
+        base: the fit without the effect.
+        ranked: one fit of each effect at each port, best first.
+        parts: the data to fit.
+        most_error: what leaves more after the race stays as it is.
+    """
+    most_error = min(most_error, HOPELESS * ranked[0].error)
+    kept = list(takewhile(lambda fit: fit.error <= most_error, ranked[:KEPT]))
+    longer = list(search_all([fit.candidate for fit in kept], parts, LONG))
+    near = WITHIN * min((fit.error for fit in longer), default=0.0)
+    done = refine([fit for fit in longer if fit.error <= near], parts)
+    done += [fit for fit in longer if fit.error > near]
+    for best in best_at_each_place(done)[:1]:
+        moved = relocated(best.candidate, parts)
+        moved += [replace(base.candidate, effects=there.effects) for there in moved]
+        done += search_all(moved, parts, LONG)
+    fits = [fit for fit in best_at_each_place([*done, *ranked[len(kept):]])
+            if is_distinguishable(fit, parts)]
+    if fits and _drifts(fits[0]) and not _goes_with_time(fits[0], parts):
+        fits = [fit for fit in fits if not _drifts(fit)]
+    if not fits:
+        return []
+    scores = criterion(fits)
+    order = np.argsort(scores, kind='stable')
+    return simplest_first([Alternative(fits[k]) for k in order], [scores[k] for k in order])
+
+
+def _drifts(fit: Fit) -> bool:
+    """Whether the last effect of a fit is a parameter that drifts."""
+    return fit.candidate.effects[-1].effect.course is not None
+
+
+def _goes_with_time(drift: Fit, parts: Sequence[Part]) -> bool:
+    """Compare a drift with a model of its own for each recording; see `goes_with_time`."""
+    bare = drift.candidate.without(-1)
+    each = by_recording(parts, bare.sample_time)
+    return len(each) == 1 or goes_with_time(
+        drift, joined([search(bare, some, SHORT) for some in each]))
+
+
+def simplest_first(alternatives: list[Alternative], scores: Sequence[float]) -> list[Alternative]:
+    """Move the simpler effect to the front, unless the best is clearly better by its BIC.
+
+    Args:
+        alternatives: best first.
+        scores: their BIC.
+    """
+    simpler = alternatives[0].placed.effect.simpler
+    for k, alternative in enumerate(alternatives):
+        if alternative.id == simpler and scores[k] < scores[0] + CLEARLY:
+            return [alternative, *alternatives[:k], *alternatives[k + 1:]]
+    return alternatives
+
+
+def best_first(fits: Sequence[Fit]) -> list[Fit]:
+    """Sort fits by their cost."""
+    return sorted(fits, key=lambda fit: fit.cost)
+
+
+def at_each_place(fits: Sequence[Fit]) -> list[list[Fit]]:
+    """Group fits by their last effect and its port, in the order of the first of each group."""
+    groups: dict[tuple[str, str], list[Fit]] = {}
+    for fit in fits:
+        last = fit.candidate.effects[-1]
+        groups.setdefault((last.effect.id, last.port.name), []).append(fit)
+    return list(groups.values())
+
+
+def best_at_each_place(fits: Sequence[Fit]) -> list[Fit]:
+    """Keep the best fit with each last effect at each port, best first."""
+    return [group[0] for group in at_each_place(best_first(fits))]
+
+
+def refine(fits: Sequence[Fit], parts: Sequence[Part], index: int = -1) -> list[Fit]:
+    """Add refinements to the law of an effect, the last or another, where clearly better.
+
+    And remove those that are not: they made up for an effect that was missing at the time. Each
+    fit is refined by itself; they are fitted in one batch.
+    """
+    formed = [_forms(fit, parts, index) for fit in fits]
+    short = search_all([form for forms in formed for form in forms], parts, SHORT)
+    chosen: list[Fit | Model] = []
+    for fit, forms in zip(fits, formed, strict=True):
+        tried = [fit, *islice(short, len(forms))]
+        simplest = int(bool(forms) and _is_refined(fit, index))
+        gains = [refinement_gain(tried[simplest], form) for form in tried]
+        best = int(np.argmax(gains))
+        if gains[best] < CLEARLY:
+            best = simplest
+        chosen.append(fit if best == 0 else tried[best].candidate)
+    long = search_all([c for c in chosen if isinstance(c, Model)], parts, LONG)
+    return [next(long) if isinstance(c, Model) else c for c in chosen]
+
+
+def _is_refined(fit: Fit, index: int) -> bool:
+    """Whether a refinement of the effect is in."""
+    placed = fit.candidate.effects[index]
+    return any(p.refinement not in (None, v)
+               for p, v in zip(placed.effect.parameters, placed.values, strict=True))
+
+
+def unrefined(placed: Placed) -> Placed:
+    """Return an effect in its simple form, without any refinement."""
+    return replace(placed, values=tuple(
+        v if p.refinement is None else p.refinement
+        for p, v in zip(placed.effect.parameters, placed.values, strict=True)))
+
+
+def _forms(fit: Fit, parts: Sequence[Part], index: int) -> list[Model]:
+    """List other forms of an effect: the simple law, unless it is that, then refined ones."""
+    placed = fit.candidate.effects[index]
+    if placed.effect.refined is None:
+        return []
+
+    def form(values: Sequence[float]) -> Model:
+        effects = list(fit.candidate.effects)
+        effects[index] = replace(placed, values=tuple(values))
+        return replace(fit.candidate, effects=tuple(effects))
+
+    plain = unrefined(placed).values
+    reach = spans(fit.candidate, parts)[placed.port]
+    simplest = [plain] if _is_refined(fit, index) else []
+    return [form(values) for values in (*simplest, *placed.effect.refined(reach, placed.values))]
+
+
+def is_distinguishable(fit: Fit, parts: Sequence[Part], index: int = -1) -> bool:
+    """Whether the recording distinguishes an effect, as fitted, from a simpler one."""
+    placed = fit.candidate.effects[index]
+    return placed.effect.distinguishable is None or placed.effect.distinguishable(
+        spans(fit.candidate, parts)[placed.port], placed.values)

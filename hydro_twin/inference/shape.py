@@ -1,0 +1,199 @@
+"""What an effect does at its port, beside what the recording shows there without any law.
+
+A component-plus-residual plot [Larsen and McCleary 1972]: what the model leaves is added to what
+the effect does, and a free curve over a signal at the port, carried to the output by the linear
+laws, is fitted to the sum. Where the law is right, the free curve runs along it.
+"""
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+from scipy import signal
+from scipy.linalg import block_diag
+
+from hydro_twin.effects import Course, Placed
+from hydro_twin.fitting.autoregression import autoregression, whiten
+from hydro_twin.fitting.fit import Fit
+from hydro_twin.fitting.output_error import residuals
+from hydro_twin.fitting.parts import Part
+from hydro_twin.fitting.port_signals import BLOCK
+from hydro_twin.inference.passing import Passing, passing
+from hydro_twin.inference.structure import hats, times, to_output
+from hydro_twin.plants.plant import FloatArray
+from hydro_twin.predictors.scores import rms
+from hydro_twin.result import FreeCurve, OverTime, Profile, Shape
+
+KNOTS = 8               # evenly spaced, and as many again at quantiles
+CLOSEST = 0.02          # of two knots, as a share of the reach
+JUMP = 0.01             # the same, where a force jumps
+DOTS = 1500             # of a law
+TRIALS = 25             # values at which the error of linear dynamics is shown
+WIDEST = 1.0            # standard error of a knot worth showing, over the reach of the law
+
+
+def free_curves(fit: Fit, placed: Placed, seen: Sequence[Passing], name: str) -> list[FreeCurve]:
+    """Fit a free curve of what is added at a port over a signal; two for a law with memory.
+
+    Least squares on what the model leaves plus what the effect does, whitened by the memory of
+    the former; all else in the model stays as it is, but for the state at the start of each part,
+    of which the first samples tell little. Standard errors are by blocks, so that they hold where
+    something structured is left, each as if it were predicted by the others, since a knot may be
+    visited in a few only [Bell and McCaffrey 2002, the jackknife].
+
+    Returns:
+        One curve, or one for a rising and one for a falling signal.
+    """
+    carry, start_up = to_output(fit.candidate), fit.candidate.start_up
+    b = carry.b[:, fit.candidate.plant.ports.index(placed.port)]
+    a = np.concatenate([[1.0], carry.a])
+    filter_ = autoregression(fit.by_part)
+    reach = np.concatenate([p.signals[name] for p in seen])
+    knots = _knots(reach, placed.effect.implicit)
+
+    def whitened(columns: FloatArray) -> FloatArray:
+        return signal.lfilter(filter_, [1.0], columns, axis=0)[start_up:]
+
+    columns, target, starts = [], [], []
+    for p in seen:
+        shape = hats(p.signals[name], knots)
+        if branches(placed):
+            rises = _rises(p.signals[name])[:, None]
+            shape = np.hstack([shape * rises, shape * ~rises])
+        columns.append(whitened(signal.lfilter(b, a, shape, axis=0)))
+        target.append(whitened(p.left + signal.lfilter(b, a, p.added)))
+        starts.append(whitened(fit.candidate.system.free_response(len(p.left))))
+    t = np.concatenate(target)
+    X = np.hstack([np.concatenate(columns), block_diag(*starts)])
+    size = np.maximum(np.linalg.norm(X, axis=0), 1e-300)
+    covariance = np.linalg.pinv((X / size).T @ (X / size), rcond=1e-10, hermitian=True)
+    found = covariance @ ((X / size).T @ t)
+    missed, pulls = t - X / size @ found, []
+    for begin in range(0, len(t), BLOCK):
+        block = X[begin:begin + BLOCK] / size
+        others = np.eye(len(block)) - block @ covariance @ block.T
+        pulls.append(block.T @ np.linalg.pinv(others, rcond=1e-6, hermitian=True)
+                     @ missed[begin:begin + BLOCK])
+    spread = covariance @ (np.transpose(pulls) @ np.array(pulls)) @ covariance
+    count = columns[0].shape[1]
+    curve, error = (found / size)[:count], (np.sqrt(np.diag(spread)) / size)[:count]
+    if not branches(placed):
+        return [FreeCurve('free curve', knots, curve, error)]
+    half = len(knots)
+    return [FreeCurve('free curve, rising', knots, curve[:half], error[:half]),
+            FreeCurve('free curve, falling', knots, curve[half:], error[half:])]
+
+
+def branches(placed: Placed) -> bool:
+    """Whether what a law adds differs with the direction in which its signal moves."""
+    return placed.effect.memory > 0 and not placed.effect.implicit
+
+
+def _rises(values: FloatArray) -> np.ndarray:
+    """Whether a signal rises, or rose when it last moved, (N,)."""
+    moves = np.diff(values, prepend=values[0])
+    last = np.maximum.accumulate(np.where(moves != 0.0, np.arange(len(values)), 0))
+    rising: np.ndarray = moves[last] > 0.0
+    return rising
+
+
+def _knots(reach: FloatArray, jumps: bool = False) -> FloatArray:
+    """Place knots evenly over what a signal reaches, and more where it often is.
+
+    Where what is added may jump as the signal changes sign, three stand close about zero.
+    """
+    low, high = np.quantile(reach, [0.002, 0.998])
+    size = high - low
+    kept = JUMP * size * np.array([-1.0, 0.0, 1.0]) if jumps and low < 0.0 < high else np.zeros(0)
+    for knot in (*np.linspace(low, high, KNOTS),
+                 *np.quantile(reach, np.linspace(0.05, 0.95, KNOTS))):
+        if np.all(np.abs(knot - kept) > CLOSEST * size):
+            kept = np.append(kept, knot)
+    return np.sort(kept)
+
+
+def telling(seen: Sequence[Passing]) -> str:
+    """Name the signal that what the effect adds depends on most plainly."""
+    added = np.concatenate([p.added for p in seen])
+    unexplained = {}
+    for name in seen[0].signals:
+        values = np.concatenate([p.signals[name] for p in seen])
+        columns = hats(values, _knots(values))
+        weights = np.linalg.lstsq(columns, added, rcond=None)[0]
+        unexplained[name] = rms(added - columns @ weights)
+    return min(unexplained, key=lambda name: unexplained[name])
+
+
+def shape_of(fit: Fit, placed: Placed, parts: Sequence[Part]) -> Shape | Profile | OverTime:
+    """Show an effect at its port; of linear dynamics, which have no curve there, a profile.
+
+    Args:
+        fit: the model with the effect.
+        placed: the effect, one of the model's.
+        parts: what was fitted.
+    """
+    if placed.effect.dynamic:
+        return _profile(fit, placed, parts)
+    if placed.effect.course is not None:
+        return _over_time(fit, placed, placed.effect.course, parts)
+    seen = [passing(fit.candidate, placed, part) for part in parts]
+    over = telling(seen)
+    start_up = fit.candidate.start_up
+    x = np.concatenate([p.signals[over][start_up:] for p in seen])
+    added = np.concatenate([p.added[start_up:] for p in seen])
+    every = -(-len(x) // DOTS)
+    widest = WIDEST * max(float(np.ptp(added)), abs(float(added.max())))
+    curves = []
+    for curve in free_curves(fit, placed, seen, over):
+        known = curve.std_error < widest
+        curves.append(FreeCurve(curve.label, curve.knots[known], curve.added[known],
+                                curve.std_error[known]))
+    return Shape(over, len(seen[0].signals), x[::every], added[::every], tuple(curves))
+
+
+def _over_time(fit: Fit, placed: Placed, course: Course, parts: Sequence[Part]) -> OverTime:
+    """Show the value of a parameter over time, by its law and by itself in spells of time.
+
+    The latter by least squares on what the model leaves, whitened, with all other unknowns free.
+    """
+    fit, (begin, end) = fit.main, course.span(placed.values)
+    last = fit.candidate.values[placed.port.name]
+
+    def value(time: FloatArray) -> FloatArray:
+        return last * np.array([course.factor(placed.values, begin + t) for t in time])
+
+    time = times(fit, parts) + 1e-9 * min(part.start for part in parts) - begin
+    knots = np.linspace(time.min(), time.max(), KNOTS)
+    own = [u.owner == '' and u.name == placed.port.name for u in fit.unknowns]
+    index = str(fit.candidate.effects.index(placed))
+    others = [not mine and u.owner != index for mine, u in zip(own, fit.unknowns, strict=True)]
+    columns = np.hstack([fit.jacobian[:, own] * hats(time, knots), fit.jacobian[:, others]])
+    filter_, cuts = autoregression(fit.by_part), np.cumsum(fit.lengths)[:-1]
+    X = np.column_stack([whiten(np.split(column, cuts), filter_) for column in columns.T])
+    target = whiten(fit.by_part, filter_)
+    size = np.maximum(np.linalg.norm(X, axis=0), 1e-300)
+    covariance = np.linalg.pinv((X / size).T @ (X / size), rcond=1e-10, hermitian=True)
+    found = covariance @ ((X / size).T @ target)
+    error = rms(target - X / size @ found) * np.sqrt(np.diag(covariance))
+    found, error = ((v / size)[:KNOTS] for v in (found, error))
+    at_knots, line = value(knots), np.linspace(0.0, end - begin, DOTS)
+    return OverTime(line, value(line), FreeCurve(
+        'by itself', knots, at_knots * (1.0 + found), at_knots * error))
+
+
+def _profile(fit: Fit, placed: Placed, parts: Sequence[Part]) -> Profile:
+    """Run with other values of the first parameter, up to twice the fitted one.
+
+    From none, if it is a time; from half, if it is a frequency, of which none passes nothing.
+    """
+    index = fit.candidate.effects.index(placed)
+    least = 0.0 if placed.effect.parameters[0].unit == 's' else 0.5
+    values = placed.values[0] * np.linspace(least, 2.0, TRIALS)
+    errors = []
+    for value in values:
+        effects = list(fit.candidate.effects)
+        effects[index] = replace(placed, values=(float(value), *placed.values[1:]))
+        moved = replace(fit.candidate, effects=tuple(effects))
+        errors.append(rms(np.concatenate(residuals(moved, parts))))
+    return Profile(values, np.array(errors), fit.error)

@@ -1,0 +1,121 @@
+"""From where the fits with one effect more begin: models with each effect at each port."""
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+from functools import partial
+import math
+
+import numpy as np
+
+from hydro_twin.effects import Placed
+from hydro_twin.effects.drift import LEAST
+from hydro_twin.fitting.equation_error import one_step_values
+from hydro_twin.fitting.fit import Fit
+from hydro_twin.fitting.horizon import between_ends
+from hydro_twin.fitting.output_error import initial_states, residuals_from
+from hydro_twin.fitting.parallel import in_processes
+from hydro_twin.fitting.parts import Part
+from hydro_twin.fitting.unknowns import usual
+from hydro_twin.inference.screen import places, Prospect, spans
+from hydro_twin.inference.structure import drift, drifting, drifts
+from hydro_twin.model import Model, place
+from hydro_twin.plants.plant import FloatArray
+from hydro_twin.predictors.scores import rms
+
+AGAIN = 5               # effects with the best scores that are searched from two starting points
+
+
+def with_effect(candidate: Model, placed: Placed) -> Model:
+    """Add an effect; a delay takes the place of the timing."""
+    return replace(candidate, effects=(*candidate.effects, placed),
+                   timing={} if placed.effect.shifts else candidate.timing)
+
+
+def linear_starts(candidate: Model, parts: Sequence[Part]) -> list[Model]:
+    """List linear models to start from: the middle of the box, and fits by the one-step error.
+
+    The missing effect may bias the fit of the free run so much that no search leads back. Where
+    the plant integrates, samples at the ends of its travel would make the gain zero, so there is a
+    fit to those between, too.
+    """
+    plant = candidate.plant
+    middle = {name: math.exp(0.5 * (low + high)) for name, (low, high) in usual(plant).items()}
+    fitted = [parts, between_ends(parts, candidate.sample_time)] if plant.integrates else [parts]
+    by_one_step = [values for some in fitted if some for values in one_step_values(
+        plant, some, candidate.values, candidate.sample_time)]
+    return [replace(candidate, values={**candidate.values, **values}, timing={})
+            for values in (middle, *by_one_step)]
+
+
+def drift_starts(base: Fit, parts: Sequence[Part], times: tuple[float, float]
+                 ) -> list[Model]:
+    """Let each parameter drift at the rate that the residual says, if it says that any does.
+
+    But by no more than its value in all: of a parameter that the recording hardly determines, the
+    residual says any rate.
+    """
+    if not drifts(drift(base, parts)):
+        return []
+    fastest, plant = (1.0 - LEAST) / (times[1] - times[0]), base.candidate.plant
+    rates = {name: min(max(rate, -fastest), fastest)
+             for name, rate in drifting(base, parts).items()}
+    return [with_effect(base.candidate, place(effect.id, port.name, {
+                'rate': rates[port.name], 'begin': times[0], 'end': times[1]}, plant))
+            for effect, port in places(plant, base.candidate.effects, parameters=True)
+            if effect.course is not None and rates.get(port.name)]
+
+
+def with_each(linear: Model, parts: Sequence[Part]) -> list[Model]:
+    """Add each effect at each port to a model, from each of its starts."""
+    reach = spans(linear, parts)
+    return [with_effect(linear, Placed(effect, port, tuple(values)))
+            for effect, port in places(linear.plant, linear.effects)
+            for values in effect.starts(reach[port])]
+
+
+def nearest(models: Sequence[Model], parts: Sequence[Part]) -> list[Model]:
+    """Add each effect at each port to the model, and from the start, of the lowest error."""
+    best: dict[tuple[str, str], tuple[float, Model]] = {}
+    for model in models:
+        tried = with_each(model, parts)
+        states = [start.x for start in initial_states(model, parts)]
+        for candidate, misses in zip(
+                tried, in_processes(partial(_missed, parts=parts, states=states), tried),
+                strict=True):
+            last = candidate.effects[-1]
+            place = last.effect.id, last.port.name
+            if place not in best or misses < best[place][0]:
+                best[place] = misses, candidate
+    return [candidate for _, candidate in best.values()]
+
+
+def _missed(candidate: Model, parts: Sequence[Part], states: Sequence[FloatArray]) -> float:
+    """RMS of the residual from given initial states, 1e30 where the run diverges."""
+    return rms(np.nan_to_num(np.concatenate(residuals_from(candidate, parts, states)), nan=1e30))
+
+
+def relocated(candidate: Model, parts: Sequence[Part]) -> list[Model]:
+    """Move the last effect to each other port where it can sit, scaled to the signal there."""
+    *others, last = candidate.effects
+    reach = spans(candidate, parts)
+    moved = []
+    for effect, port in places(candidate.plant, others, last.effect.course is not None):
+        if effect is last.effect and port != last.port:
+            ratio = reach[port].value / reach[last.port].value
+            values = tuple(v * ratio if p.unit == 'value' else v
+                           for p, v in zip(effect.parameters, last.values, strict=True))
+            moved.append(replace(candidate, effects=(*others, Placed(effect, port, values))))
+    return moved
+
+
+def shortlist(prospects: Sequence[Prospect], most: int) -> list[Placed]:
+    """Take the effects of the best scores: two starts for the first few, one for the others."""
+    starts: dict[tuple[str, str, str], list[Placed]] = {}
+    for prospect in prospects:
+        placed = prospect.placed
+        starts.setdefault((placed.effect.id, placed.port.name, placed.port.kind), []).append(
+            placed)
+    return [placed for rank, some in enumerate(starts.values())
+            for placed in some[:2 if rank < AGAIN else 1]
+            if rank < most or placed.effect.hides]

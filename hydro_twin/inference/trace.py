@@ -1,0 +1,304 @@
+"""The loop: fit, residual, effect, refit, until nothing more earns its place."""
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from hydro_twin.blas import one_thread
+from hydro_twin.fitting.coloured import with_coloured_noise
+from hydro_twin.fitting.fit import Fit
+from hydro_twin.fitting.horizon import errors_over_horizon, judged_errors
+from hydro_twin.fitting.linear import fit_linear
+from hydro_twin.fitting.outputs import sensors_in
+from hydro_twin.fitting.parts import least_samples, Part, parts_of, thin, with_travel
+from hydro_twin.fitting.port_signals import predicted_by_ports
+from hydro_twin.fitting.whiteness import is_white
+from hydro_twin.inference.chain import finely, FINEST, grow, supported, without_last, WORTH
+from hydro_twin.inference.context import Context
+from hydro_twin.inference.curve import FittedCurve
+from hydro_twin.inference.evaluate import result_of
+from hydro_twin.inference.evidence import Evidence
+from hydro_twin.inference.excerpt import excerpt, harmless_factor, resampled
+from hydro_twin.inference.findings import Chain, share
+from hydro_twin.inference.limits import without_unreached
+from hydro_twin.inference.memory import named, remember
+from hydro_twin.inference.noise import bursts, lines, noise_floor
+from hydro_twin.inference.proof import improvement, proof, residuals
+from hydro_twin.inference.screen import hidden
+from hydro_twin.inference.select import (
+    fit_alternatives,
+    free_run_error,
+    search,
+    search_all,
+    unrefined,
+)
+from hydro_twin.inference.structure import dependences, drift
+from hydro_twin.inference.weighing import best_named, with_curve
+from hydro_twin.model import Model, Record
+from hydro_twin.plants import Plant
+from hydro_twin.predictors.analytical import Analytical
+from hydro_twin.predictors.scores import errors_by_series, rms
+from hydro_twin.recording.series import moves_alike, Recording, split, split_by_series
+from hydro_twin.result import (
+    Improvement,
+    Memory,
+    SERIES,
+    SIXTH,
+    THIRD,
+    TraceResult,
+)
+
+AT_LAST = 60_000        # samples of a thinned recording that are all used in the final fit
+EVERY = 1000            # effects fitted in full in the first round
+SAME = 1.02             # ratio of mean square errors on held-out data up to which none is worse
+
+
+@one_thread()
+def trace(recording: Recording, test: Recording | None, plant: Plant,
+          constants: Mapping[str, float] | None = None, model: Model | None = None,
+          seed: int = 0, progress: Callable[[str], None] = lambda _: None,
+          earlier: Recording | None = None) -> TraceResult:
+    """Find what a plant's linear model lacks of a recording.
+
+    Args:
+        recording: what is fitted.
+        test: what is not, and judges. None: the first third of every series of the recording.
+            Where the model fails there, more happens than in the rest, as in a sweep that begins
+            slowly; then the second sixth, and the first is fitted, if as much is found then.
+            Where a plant that integrates moves otherwise there than in the rest, every third
+            series instead, whole, if these do not.
+        plant: the plant.
+        constants: of the rig, where they differ from the plant's defaults.
+        model: where to start, instead of a fresh fit of the linear plant.
+        seed: of the random starts and of the bootstrap.
+        progress: called with what is being done.
+        earlier: what the model to start from was made of, see `memory`.
+
+    Raises:
+        DataError: a recording is too short, constant or not finite.
+    """
+    found = evidence(recording, test, plant, constants, model, seed, progress)
+    if earlier is not None and model is not None:
+        progress('earlier recordings')
+        found = _with_memory(found, model, earlier, seed)
+    progress('result')
+    return result_of(found)
+
+
+def evidence(recording: Recording, test: Recording | None, plant: Plant,
+             constants: Mapping[str, float] | None = None, model: Model | None = None,
+             seed: int = 0, progress: Callable[[str], None] = lambda _: None) -> Evidence:
+    """Search for it, see `trace`, and return the fits and tests that a result is made of."""
+    if test is not None:
+        return _search(recording, test, plant, constants, model, seed, progress)
+    if _one_way(split(recording), plant) and not _one_way(split_by_series(recording), plant):
+        found = _search(*split_by_series(recording), plant, constants, model, seed, progress)
+        return replace(found, tested=SERIES)
+    found = _search(*split(recording), plant, constants, model, seed, progress)
+    found = replace(found, tested=THIRD)
+    too_short = all(len(series) < SIXTH * least_samples(plant, series.sample_time)
+                    for series in recording.series)
+    if too_short or not found.is_larger_held_out:
+        return found
+    again = _search(*split(recording, SIXTH, 1), plant, constants, model, seed, progress,
+                    found.after.candidate)
+    return replace(again, tested=SIXTH) if again.additions >= found.additions else found
+
+
+def _with_memory(found: Evidence, model: Model, earlier: Recording, seed: int) -> Evidence:
+    """Keep what the recordings that a model came from say, where the new one does not mind.
+
+    Args:
+        found: in the new recording, from the model on.
+        model: that was started from.
+        earlier: what it came from; the first third of every series tests.
+        seed: of the bootstrap.
+    """
+    sample_time = found.before.candidate.sample_time
+    train, held_out = (excerpt(parts_of(part, found.plant), found.plant, sample_time)
+                       for part in split(earlier))
+    start, alone = resampled(model, sample_time), found.final
+    together = remember(alone, found.fitted, start, train)
+    new = excerpt(found.test, found.plant, sample_time)
+    used = _mean_square(together.fit, new) <= SAME * _mean_square(alone, new)
+    memory = Memory(
+        tuple(source.path for source in earlier.sources), used,
+        tuple(named(alone.candidate, unknown) for unknown in together.moved),
+        *(free_run_error(one, held_out)
+          for one in (start, (together.fit if used else alone).candidate)))
+    if not used:
+        return replace(found, memory=memory)
+    final = ({'after': together.fit} if found.found is None else
+             {'found': replace(found.found, fit=together.fit)})
+    gain, by_horizon = _gain(found.before, together.fit, found.recordings['test'], seed)
+    return replace(found, **final, memory=memory, known=together.known, improvement=gain,
+                   by_horizon=by_horizon)
+
+
+def _mean_square(fit: Fit, parts: Sequence[Part]) -> float:
+    return rms(np.concatenate(residuals(fit, parts))) ** 2
+
+
+def _one_way(parts: tuple[Recording, Recording], plant: Plant) -> bool:
+    """Whether a plant that integrates moves otherwise where it is tested than where it is fitted.
+
+    As a cylinder that extends in the first third of a series and retracts in the rest: neither
+    part can say of the other whether its laws are right.
+    """
+    return plant.integrates and (
+        not parts[1].series
+        or not moves_alike(*parts, plant.output.name, plant.start_up))
+
+
+def _search(train: Recording, test: Recording, plant: Plant,
+            constants: Mapping[str, float] | None, model: Model | None, seed: int,
+            progress: Callable[[str], None], known: Model | None = None) -> Evidence:
+    """Search with one test part; `known` is the model that a search with another one found."""
+    whole, held_out = with_travel(parts_of(train, plant), parts_of(test, plant))
+    sample_time = train.series[0].sample_time
+    plant = plant.seen_by(sensors_in(whole, plant, plant.start_samples(sample_time)))
+    fine = excerpt(whole, plant, sample_time)
+    recorded = sum(len(part.measured) for part in whole)
+    progress('linear model')
+    plain = None
+    if model is None:
+        plain = fit_linear(plant, whole if recorded <= AT_LAST else fine,
+                           plant.constant_values(constants), sample_time, 'box', timing=False,
+                           seed=seed).candidate
+        before = _linear(plain, fine, seed)
+    else:
+        before = search(resampled(replace(
+            model, plant=plant, noise=None, record=Record()), sample_time), fine, 1)
+    factor = harmless_factor(before, fine, recorded)
+    while not all(excerpt(parts, plant, sample_time, factor) for parts in (whole, held_out)):
+        factor //= 2        # what is thinned must be long enough, at factor 1 all of it is
+    fine, fine_held_out = (excerpt(parts, plant, sample_time, factor)
+                           for parts in (whole, held_out))
+    parts, others = thin(fine, plant, factor), thin(fine_held_out, plant, factor)
+    if factor > 1 and recorded <= AT_LAST:
+        fine, fine_held_out = whole, held_out
+    base = before
+    if factor > 1 or model is not None:
+        base = search(resampled(before.candidate, factor * sample_time), parts, 40)
+    given = len(base.candidate.effects)
+    single = [] if known is None else [
+        replace(resampled(known, base.candidate.sample_time),
+                effects=(*known.effects[:given], placed)) for placed in known.effects[given:]]
+    context = Context(parts, others, _times([*whole, *held_out], sample_time), seed, progress)
+    alternatives = fit_alternatives(base, parts, context.times, EVERY, True, progress, single)
+    if alternatives:
+        base = without_last(base, alternatives[0].fit, parts)
+    chain = grow(base, alternatives, context)
+    if chain.findings:
+        better = search(finely(chain.fit, parts, FINEST).candidate, parts, 60)
+        chain = supported(replace(chain, fit=better), base, context)
+    if not chain.findings:
+        chain = Chain(base)
+    progress('free curve')
+    chain, found, replaced = with_curve(chain, base, context)
+    final = chain.fit if found is None else found.fit
+    if final is not base:
+        bare = replace(final.candidate, effects=final.candidate.effects[:given])
+        from_final = search(bare, parts, 40)
+        base, first = min(context.best(base), from_final, key=lambda fit: fit.cost), base
+        chain = Chain(base) if chain.fit is first else chain
+    after = chain.fit
+    if factor > 1:
+        progress('all samples')
+        named = after is not base
+        base = _as_recorded(base, sample_time, fine)
+        if plain:
+            base = min(base, search(plain, fine, 20), key=lambda fit: fit.cost)
+        after = _as_recorded(after, sample_time, fine) if named else base
+        found = found and _on_all(found, after, sample_time, fine, held_out, seed)
+    if model is None:
+        before = base
+    elif factor > 1:
+        before = search(before.candidate, fine, 1)
+    after = without_unreached(after, fine)
+    if found:
+        found = replace(found, fit=without_unreached(found.fit, fine))
+    else:
+        last, after = after, with_coloured_noise(after, fine)
+        before, base = (after if fit is last else fit for fit in (before, base))
+    # What is named must improve the reported figure, too.
+    gain, by_horizon = _gain(before, after if found is None else found.fit, test, seed)
+    if found and not gain.low > 0.0:
+        found = None
+        gain, by_horizon = _gain(before, after, test, seed)
+    if chain.findings and not gain.low > 0.0:
+        chain, after = Chain(base), base
+        gain, by_horizon = _gain(before, base, test, seed)
+    pieces, left = after.by_part, residuals(after, fine_held_out)
+    traced = Evidence(
+        plant=plant, before=before, after=after, train=whole, test=held_out,
+        recordings={'train': train, 'test': test}, fitted=fine, hidden=(),
+        findings=chain.findings,
+        improvement=gain, by_horizon=by_horizon, held_out_error=rms(np.concatenate(left)),
+        floor=noise_floor(pieces), white=is_white(pieces),
+        lines=tuple(lines(pieces, sample_time)),
+        bursts=tuple(bursts(residuals(after, [*whole, *held_out]))),
+        depends_on=tuple(dependences(after, fine)), drifts=drift(after, fine),
+        by_ports=predicted_by_ports(after, fine), found=found,
+        best_named=best_named(replaced, others) if found and replaced else None)
+    return traced if traced.fails else replace(traced, hidden=tuple(hidden(after, fine)))
+
+
+def _times(parts: Sequence[Part], sample_time: float) -> tuple[float, float]:
+    """Return the stamps [s] of the first and the last sample of all parts."""
+    return (1e-9 * min(part.start for part in parts),
+            max(1e-9 * part.start + sample_time * (len(part.measured) - 1) for part in parts))
+
+
+def _linear(plain: Model, parts: Sequence[Part], seed: int) -> Fit:
+    """Fit the linear plant within its physical range; no worse than the fit within the box.
+
+    The gain of a better linear fit must not be credited to an effect.
+
+    Args:
+        plain: that fit, as `refit` makes it.
+        parts: what is fitted.
+        seed: of the random starts.
+    """
+    free = fit_linear(plain.plant, parts, plain.values, plain.sample_time, 'physical',
+                      timing=True, seed=seed)
+    return min(free, search(plain, parts, 40), key=lambda fit: fit.cost)
+
+
+def _gain(before: Fit, after: Fit, test: Recording, seed: int) -> tuple[Improvement, bool]:
+    """Compare two models on held-out data.
+
+    Returns:
+        The improvement, and whether it is that of the error over a horizon.
+    """
+    then, by_horizon = judged_errors(after.candidate, test)
+    first = (errors_over_horizon(before.candidate, test) if by_horizon else
+             errors_by_series(Analytical(before.candidate), test.series, 'free_run'))
+    return improvement(first, then, seed), by_horizon
+
+
+def _on_all(found: FittedCurve, after: Fit, sample_time: float, parts: Sequence[Part],
+            held_out: Sequence[Part], seed: int) -> FittedCurve | None:
+    """Fit a curve to all samples; None if it does not help on the held-out ones."""
+    fit = _as_recorded(found.fit, sample_time, parts)
+    helps = proof(after, fit, held_out, seed)
+    return replace(found, fit=fit, proof=helps) if helps.low > 0.0 else None
+
+
+def _as_recorded(fit: Fit, sample_time: float, parts: Sequence[Part]) -> Fit:
+    """Fit a model that was found on thinned samples to all samples.
+
+    Refinements of its effects, which may have made up for the thinning, must help again. By how
+    much they lower the error, and not by BIC: far above the noise, at full rate, whitening leaves
+    of a residual little but the errors of the time steps.
+    """
+    candidate = resampled(fit.candidate, sample_time)
+    simple = replace(candidate, effects=tuple(map(unrefined, candidate.effects)))
+    if simple.effects == candidate.effects:
+        fine = search(candidate, parts, 20)
+    else:
+        refined, fine = search_all([candidate, simple], parts, 20)
+        fine = refined if share(fine, refined) > WORTH else fine
+    return finely(fine, parts, FINEST) if fine.candidate.effects else fine

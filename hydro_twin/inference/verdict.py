@@ -1,0 +1,98 @@
+"""The verdict: what may be said of a trace, and how certainly."""
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+from hydro_twin.effects import EFFECTS, Placed, Span
+from hydro_twin.inference.evidence import Evidence
+from hydro_twin.inference.findings import Finding
+from hydro_twin.inference.probability import chance, shares, unknown
+from hydro_twin.inference.screen import places, spans
+from hydro_twin.inference.structure import drifts
+from hydro_twin.plants import Plant, Port
+from hydro_twin.result import CLOSE, NamedEffect, VerdictKind
+
+LEFT = 0.01             # share of the residual that ports may predict if a law is right
+LIKELY = 0.05           # p-value of that share
+TELLING = 3000.0        # energy explained over the noise variance, to be sure of a law
+
+
+def verdict_of(found: Evidence) -> VerdictKind:
+    """Say what the evidence shows."""
+    if found.findings:
+        return 'effect_found'
+    return 'unexplained' if is_structured(found, 0.2 * LIKELY) else 'nothing_missing'
+
+
+def is_structured(found: Evidence, level: float) -> bool:
+    """Whether what is left depends on anything, by tests at this level."""
+    share, p_value = found.by_ports
+    return bool(found.depends_on or found.lines or found.bursts or drifts(found.drifts)
+                or found.is_larger_held_out or found.is_loud or (p_value < level and share > LEFT))
+
+
+def named_effects(found: Evidence) -> tuple[NamedEffect, ...]:
+    """Judge each finding against its rivals and against what is left."""
+    if not found.findings:
+        return ()
+    reach = spans(found.after.candidate, found.fitted)
+    return tuple(_judge(found, finding, reach) for finding in found.findings)
+
+
+def _judge(found: Evidence, finding: Finding, reach: Mapping[Port, Span]) -> NamedEffect:
+    """Judge one finding, given the range of each port and signal."""
+    placed = found.final.candidate.effects[finding.index]
+    other_ports = tuple(rival.port.name for rival, distance in finding.rivals
+                        if rival.effect.id == placed.effect.id and distance < CLOSE)
+    if placed.effect.course is not None:
+        other_ports += tuple(name for combination in found.plant.combinations
+                             if placed.port.name in combination for name in combination
+                             if name not in (placed.port.name, *other_ports))
+    alike = _alike(found.plant, placed.effect.id, (placed.port.name, *other_ports), reach)
+    rivals = _by_id(finding, placed.effect.id, alike)
+    samples = len(found.after.main.residual)
+    telling = finding.share / (1.0 - min(finding.share, 1.0 - 1e-12)) * samples
+    settled = telling > TELLING and found.white and not is_structured(found, LIKELY)
+    among = shares({placed.effect.id: 0.0, **dict(rivals)}, samples)
+    return NamedEffect(
+        finding.index, placed, finding.p_value, finding.share, settled,
+        probability=(1.0 - chance(finding.p_value)) * (1.0 - unknown(settled))
+        * among[placed.effect.id],
+        ports=shares(_by_port(finding, placed, other_ports), samples),
+        other_ports=other_ports, rivals=rivals)
+
+
+def _alike(plant: Plant, winner: str, ports: tuple[str, ...], reach: Mapping[Port, Span]
+           ) -> list[str]:
+    """List other effects that would look the same at these ports in this recording.
+
+    Where a plant integrates, its output hardly moves at the frequencies that separate a delay from
+    other linear dynamics.
+    """
+    alike = [effect.id for effect, port in places(plant, ())
+             if port.name in ports and effect.passes_for is not None
+             and effect.passes_for(reach[port]) == winner]
+    dynamics = [effect.id for effect in EFFECTS if effect.dynamic]
+    if plant.integrates and winner in dynamics:
+        alike += sorted({*dynamics} - {winner})
+    return alike
+
+
+def _by_port(finding: Finding, placed: Placed, alike: tuple[str, ...]) -> dict[str, float]:
+    """Ports of an effect with their distance, its own first; those alike at no distance."""
+    nearest = {placed.port.name: 0.0}
+    for rival, distance in finding.rivals:
+        if rival.effect.id == placed.effect.id:
+            nearest.setdefault(rival.port.name, distance)
+    for name in alike:
+        nearest.setdefault(name, 0.0)
+    return nearest
+
+
+def _by_id(finding: Finding, winner: str, alike: list[str]) -> tuple[tuple[str, float], ...]:
+    """Rivals of another name, each once, nearest first; those that look alike at no distance."""
+    nearest = dict.fromkeys(alike, 0.0)
+    for rival, distance in finding.rivals:
+        if rival.effect.id != winner:
+            nearest.setdefault(rival.effect.id, distance)
+    return tuple(sorted(nearest.items(), key=lambda item: item[1]))

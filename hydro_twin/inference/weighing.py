@@ -1,0 +1,145 @@
+"""Names against curves: a free curve beside named effects, in their place, or read as some."""
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from hydro_twin.effects import Placed
+from hydro_twin.fitting.fit import Fit
+from hydro_twin.fitting.parts import Part
+from hydro_twin.fitting.port_signals import PREDICTED, predicted_by_ports
+from hydro_twin.fitting.whiteness import is_white
+from hydro_twin.inference.chain import ENOUGH
+from hydro_twin.inference.context import Context
+from hydro_twin.inference.criterion import CLEARLY, criterion
+from hydro_twin.inference.curve import (
+    explains_most,
+    find_curve,
+    FittedCurve,
+    is_better,
+    is_drawn,
+    outweighs,
+)
+from hydro_twin.inference.findings import Chain, explained_share, finding, other_findings
+from hydro_twin.inference.proof import proof, residuals
+from hydro_twin.inference.reading import readings
+from hydro_twin.inference.select import LONG, search, search_all
+from hydro_twin.inference.structure import free_curves, shows
+from hydro_twin.predictors.scores import rms
+from hydro_twin.result import BestNamed, Dependence
+
+
+def best_named(chain: Chain, held_out: Sequence[Part]) -> BestNamed:
+    """Describe the named effects that a free curve took the place of."""
+    return BestNamed(tuple(chain.fit.candidate.effects[k] for k in chain.indices),
+                     rms(np.concatenate(residuals(chain.fit, held_out))))
+
+
+def with_curve(chain: Chain, base: Fit, context: Context
+               ) -> tuple[Chain, FittedCurve | None, Chain | None]:
+    """Look for a free curve beside the named effects, or instead of them.
+
+    Several named effects often imitate one law that has no name.
+
+    Args:
+        chain: the model with the named effects.
+        base: the fit without any of them.
+        context: the data.
+
+    Returns:
+        The chain, or one without its effects; the curve on top of it, if one helps; and the
+        chain whose place it took, if it did.
+    """
+    parts, held_out, seed = context.parts, context.held_out, context.seed
+    curves = free_curves(chain.fit, parts)
+    at_first = curves if chain.fit is base else free_curves(base, parts)
+    if chain.findings and _contested(chain, parts, curves, at_first):
+        instead = find_curve(base, parts, held_out, at_first, seed)
+        if instead and is_better(instead, base, chain.fit, at_first, held_out, seed):
+            read = read_as_names(Chain(base), instead, base, context)
+            return (read, None, None) if read else (Chain(base), instead, chain)
+    found = find_curve(chain.fit, parts, held_out, curves, seed)
+    if not found:
+        return chain, None, None
+    read = read_as_names(chain, found, base, context)
+    return (read, None, None) if read else (*_still_needed(chain, found, context), None)
+
+
+def read_as_names(chain: Chain, found: FittedCurve, base: Fit, context: Context) -> Chain | None:
+    """Read a curve: named laws in its place, if they do as well as it does.
+
+    Args:
+        chain: the model without the curve.
+        found: the curve.
+        base: the fit without any effect.
+        context: the data.
+
+    Returns:
+        The model with the laws, each of which explains half of what is left without it, and
+        improves held-out data; None where the curve has no such reading, or outweighs all.
+    """
+    held_out = context.held_out
+    tried = list(search_all(readings(found.fit.candidate, context.parts), context.parts, LONG))
+    scores = criterion(tried) if tried else []
+    for fit in (tried[k] for k in np.argsort(scores, kind='stable')):
+        if outweighs(found.fit, fit, held_out):
+            continue
+        laws = range(len(chain.fit.candidate.effects), len(fit.candidate.effects))
+        bare = ([base] if len(laws) == len(fit.candidate.effects) == 1 else
+                context.without(fit, laws))
+        if all(explained_share(without, fit) > ENOUGH
+               and proof(without, fit, held_out, context.seed).low > 0.0 for without in bare):
+            return Chain(fit, (*chain.findings, *(
+                finding(without, fit, _in_place_of(k, fit, tried), k)
+                for k, without in zip(laws, bare, strict=True))))
+    return None
+
+
+def _in_place_of(index: int, fit: Fit, tried: Sequence[Fit]) -> list[tuple[Placed, Fit]]:
+    """List the readings that have another law in the place of an effect of the best, with it."""
+    ids = {placed.effect.id for placed in fit.candidate.effects}
+    mine = fit.candidate.effects[index].effect.id
+    rivals = []
+    for other in tried:
+        theirs = {placed.effect.id: placed for placed in other.candidate.effects}
+        instead = [placed for name, placed in theirs.items() if name not in ids]
+        if mine not in theirs and instead:
+            rivals.append((instead[0], other))
+    return rivals
+
+
+def _contested(chain: Chain, parts: Sequence[Part], curves: Sequence[Dependence],
+               at_first: Sequence[Dependence]) -> bool:
+    """Whether a curve may explain the residual without the named effects.
+
+    The named effects may leave structure; or it took one effect at two ports; or one curve, at
+    another port or signal, explains most of the first residual.
+    """
+    ids = [chain.fit.candidate.effects[k].effect.id for k in chain.indices]
+    if (any(shows(curve) for curve in curves) or len(set(ids)) < len(ids)
+            or not is_white(chain.fit.by_part)
+            or predicted_by_ports(chain.fit, parts)[1] < PREDICTED):
+        return True
+    return any(curve.share > ENOUGH and not is_drawn((curve.port, curve.signal), chain.fit,
+                                                     at_first) for curve in at_first[:1])
+
+
+def _still_needed(chain: Chain, found: FittedCurve, context: Context) -> tuple[Chain, FittedCurve]:
+    """Withdraw named effects that the curve contains, as a bias that is its constant part.
+
+    The least helpful first. But not one that explains by itself most of what the curve would in
+    its place, which then only describes it more finely.
+    """
+    bare = context.without(chain.fit, chain.indices)
+    for k in sorted(range(len(bare)), key=lambda k: bare[k].error):
+        without = bare[k]
+        instead = search(found.fit.candidate.without(chain.findings[k].index), context.parts, 25)
+        with_it, without_it = criterion([found.fit, instead])
+        if (without_it < with_it + CLEARLY
+                and not explains_most(without, chain.fit, instead)):
+            helps = proof(without, instead, context.held_out, context.seed)
+            return _still_needed(Chain(without, other_findings(chain, k)),
+                                 replace(found, fit=instead, proof=helps), context)
+    return chain, found

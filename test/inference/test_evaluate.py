@@ -1,0 +1,50 @@
+"""The result of a trace: computed once, and what it says of its models."""
+from collections import Counter
+
+import numpy as np
+import pytest
+from trace_by_hand import evidence
+
+from hydro_twin.inference.evaluate import result_of
+from hydro_twin.predictors.analytical import Analytical
+from hydro_twin.predictors.scores import errors_of
+
+
+@pytest.mark.parametrize('found', [True, False])
+def test_each_model_predicts_each_series_once(monkeypatch, found):
+    made = evidence('positioning', found)
+    predicted = Counter()
+
+    def counted(mode):
+        honest = getattr(Analytical, mode)
+
+        def count(self, series):
+            predicted[mode, self.model.effects, id(series)] += 1
+            return honest(self, series)
+
+        return count
+
+    for mode in ('one_step', 'free_run'):
+        monkeypatch.setattr(Analytical, mode, counted(mode))
+    result_of(made)
+    models, series = (2 if found else 1), 6
+    assert predicted.total() == len(predicted) == models * 2 * series
+
+
+def test_the_errors_are_those_of_a_run_of_the_models():
+    made = evidence('load_simulator')
+    result = result_of(made)
+    for model in (result.before, result.after):
+        expected = errors_of(Analytical(model), made.recordings)
+        for mode, errors in expected.items():
+            assert model.errors['after'][mode] == pytest.approx(errors, rel=1e-12)
+    assert result.before.errors['before'] == result.after.errors['before']
+    assert [run.label for run in result.runs] == [
+        f'{part} {k}' for part in ('test', 'training') for k in (1, 2, 3)]
+    for part, runs in (('test', result.runs[:3]), ('train', result.runs[3:])):
+        missed = [(run.measured - run.after)[run.first:] for run in runs]
+        assert np.sqrt(np.mean(np.concatenate(missed) ** 2)) == pytest.approx(
+            result.after.errors['after']['free_run'][part])
+        for run, row, error in zip(runs, result.series, missed, strict=True):
+            assert row.after['free_run'][part] == pytest.approx(np.sqrt(np.mean(error ** 2)))
+            assert row.bag == run.series.source

@@ -1,0 +1,103 @@
+"""Searches for a law that the first one, from its own start, misses."""
+from __future__ import annotations
+
+from dataclasses import replace
+
+import pytest
+from traced_rig import fitted, PLANT, record, VALUES
+
+from hydro_twin.inference.select import fit_alternatives, free_run_error, refine, search
+from hydro_twin.inference.starts import relocated
+from hydro_twin.model import place
+
+STRIBECK = ('friction', 'motor', {'coulomb': 6.0, 'stribeck': 4.0, 'stribeck_velocity': 0.02})
+BIAS = ('bias', 'motor', {'offset': 2.0})
+
+
+@pytest.mark.parametrize(('here', 'there', 'width'), [
+    ('command', 'spool', 2e-6), ('spool', 'command', 0.03)])
+def test_from_a_law_at_the_wrong_port_the_right_one_is_found(here, there, width):
+    alone, parts, _ = fitted(record(('hysteresis', there, {'width': width}), noise=0.3))
+    wrong = {'command': 0.03, 'spool': 2e-6}[here]
+    fit = search(replace(alone.candidate, effects=(
+        place('hysteresis', here, {'width': wrong}, PLANT),)), parts, 40)
+    (moved,) = relocated(fit.candidate, parts)
+    found = search(replace(alone.candidate, effects=moved.effects), parts, 40)
+    (placed,) = found.candidate.effects
+    assert (placed.effect.id, placed.port.name) == ('hysteresis', there)
+    # Lengths at the spool are known up to its gain, which the flow gain makes up for.
+    volt = found.candidate.values['K_sv'] / VALUES['K_sv'] if there == 'spool' else 1.0
+    assert placed.named['width'] == pytest.approx(width * volt, rel=0.05)
+    assert found.error == pytest.approx(0.3, rel=0.1)
+    assert fit.error > 1.05 * found.error
+
+
+def test_a_bias_may_sit_at_any_of_three_ports():
+    alone, parts, _ = fitted(record(BIAS))
+    fit = search(replace(alone.candidate, effects=(place(*BIAS, PLANT),)), parts, 40)
+    moved = [search(candidate, parts, 40) for candidate in relocated(fit.candidate, parts)]
+    assert {fit.candidate.effects[0].port.name for fit in moved} == {'command', 'sensor'}
+    for other in moved:
+        assert other.error == pytest.approx(fit.error, rel=1e-3)
+
+
+@pytest.mark.slow
+def test_an_earlier_effect_is_refined_where_another_follows_it():
+    alone, parts, _ = fitted(record(STRIBECK, BIAS, noise=0.1))
+    plain = tuple(place(*effect, PLANT) for effect in (
+        ('friction', 'motor', {'coulomb': 6.0}), BIAS))
+    fit = search(replace(alone.candidate, effects=plain), parts, 40)
+    finer = refine([fit], parts, 0)[0]
+    assert [p.effect.id for p in finer.candidate.effects] == ['friction', 'bias']
+    friction = finer.candidate.effects[0].named
+    assert friction['stribeck'] == pytest.approx(4.0, rel=0.1)
+    assert friction['stribeck_velocity'] == pytest.approx(0.02, rel=0.2)
+    assert finer.error == pytest.approx(0.1, rel=0.1)
+    assert fit.error > 1.2 * finer.error
+    assert free_run_error(finer.candidate, parts) < free_run_error(fit.candidate, parts)
+
+
+@pytest.mark.slow
+def test_a_ripple_is_refined_by_its_harmonics():
+    waves = {'cosine': 4.0, 'sine': 2.0, 'periods': 300.0, 'sine_2': -2.0, 'cosine_3': 1.0}
+    alone, parts, _ = fitted(record(('ripple', 'motor', waves), noise=0.2))
+    plain = place('ripple', 'motor', {'cosine': 1.0, 'sine': 1.0, 'periods': 300.0}, PLANT)
+    fit = search(replace(alone.candidate, effects=(plain,)), parts, 40)
+    (ripple,) = refine([fit], parts)[0].candidate.effects
+    for name, value in waves.items():
+        assert ripple.named[name] == pytest.approx(value, rel=0.05, abs=0.1)
+
+
+@pytest.mark.slow
+def test_a_delay_that_lags_and_inertia_had_made_up_for():
+    both = ('delay', 'command', {'time': 0.008}), ('dead_zone', 'spool', {'width': 4e-6})
+    alone, parts, _ = fitted(record(*both, noise=0.3))
+    zone = replace(alone.candidate, effects=(place(*both[1], PLANT),))
+    base = search(zone, parts, 40)
+    first, *_ = fit_alternatives(base, parts, (0.0, 1.0), 8, False)
+    assert first.id == 'delay'
+    assert first.placed.named['time'] == pytest.approx(0.008, rel=0.1)
+    assert first.fit.error < 0.99 * base.error
+
+
+@pytest.mark.slow
+def test_what_needs_no_refinement_stays_as_it_is():
+    alone, parts, _ = fitted(record(('friction', 'motor', {'coulomb': 6.0}), BIAS))
+    finer = replace(alone.candidate, substeps=4)    # so that no refinement makes up for the steps
+    placed = (place('friction', 'motor', {'coulomb': 6.0}, PLANT), place(*BIAS, PLANT))
+    fit = search(replace(finer, effects=placed), parts, 40)
+    assert refine([fit], parts, 0) == [fit]
+    assert refine([fit], parts) == [fit]        # a bias has none
+
+
+@pytest.mark.slow
+def test_a_refinement_that_nothing_needs_any_more_is_taken_out():
+    alone, parts, _ = fitted(record(('friction', 'motor', {'coulomb': 6.0}), BIAS))
+    finer = replace(alone.candidate, substeps=4)    # so that no refinement makes up for the steps
+    placed = (place('friction', 'motor', {'coulomb': 6.0, 'bristle_stiffness': 1e5}, PLANT),
+              place(*BIAS, PLANT))
+    fit = search(replace(finer, effects=placed), parts, 40)
+    assert len(fit.unknowns) == len(refine([fit], parts, 0)[0].unknowns) + 1
+    friction = refine([fit], parts, 0)[0].candidate.effects[0].named
+    assert friction['bristle_stiffness'] == float('inf')
+    assert friction['coulomb'] == pytest.approx(6.0, rel=0.02)

@@ -1,0 +1,209 @@
+"""What explains only a part of what is missing is not named; what explains it, is kept."""
+from __future__ import annotations
+
+from dataclasses import replace
+from functools import cache
+
+import numpy as np
+import pytest
+from scipy.signal import lfilter
+from traced_rig import fitted, PLANT, record
+
+from hydro_twin.fitting.output_error import residuals
+from hydro_twin.inference.chain import _exchange, _proven, _simplified, likely, supported
+from hydro_twin.inference.context import Context
+from hydro_twin.inference.criterion import whitened_gain
+from hydro_twin.inference.findings import Chain, explained_share, Finding
+from hydro_twin.inference.noise import noise_floor
+from hydro_twin.inference.select import Alternative, is_distinguishable, search, searched
+from hydro_twin.model import place
+from hydro_twin.recording.series import Recording
+from hydro_twin.result import Improvement
+
+FRICTION = ('friction', 'motor', {'coulomb': 10.0})
+BIAS = ('bias', 'motor', {'offset': 2.0})
+
+
+@pytest.fixture(scope='module')
+def grown():
+    """Return a function from effects to their fit, the fit without any, and a fresh context."""
+    return growing(record(FRICTION, BIAS))
+
+
+def growing(recording):
+    alone, parts, held_out = fitted(recording)
+
+    @cache
+    def fit(*effects):
+        placed = tuple(place(name, port, dict(values), PLANT) for name, port, values in effects)
+        return search(replace(alone.candidate, effects=placed), parts, 40)
+
+    def made(*effects):
+        findings = tuple(Finding(k, 0.0, 0.5, ()) for k in range(len(effects)))
+        found = fit(*((name, port, tuple(values.items())) for name, port, values in effects))
+        return (Chain(found, findings), alone,
+                Context(parts, held_out, (0.0, 1.0), 0, lambda _: None))
+
+    return made
+
+
+def names(chain):
+    return [placed.effect.id for placed in chain.fit.candidate.effects]
+
+
+def test_two_that_explain_everything_are_kept(grown):
+    chain, alone, context = grown(FRICTION, BIAS)
+    assert explained_share(alone, chain.fit) == pytest.approx(1.0, abs=0.02)
+    assert names(supported(chain, alone, context)) == ['friction', 'bias']
+
+
+def test_one_beside_a_larger_one_that_is_lacking_is_dropped(grown):
+    chain, alone, context = grown(BIAS)
+    assert explained_share(alone, chain.fit) < 0.5
+    assert names(supported(chain, alone, context)) == []
+
+
+@pytest.mark.slow
+def test_what_coloured_noise_leaves_is_nothing_that_is_missing():
+    """Far more than white noise, with which the bias would explain less than half."""
+    rng, clean = np.random.default_rng(0), record(FRICTION, BIAS, noise=0.0)
+    noisy = [replace(one, columns={**one.columns, 'T_g': one['T_g'] + lfilter(
+        [0.44], [1.0, -0.9], 3.0 * rng.standard_normal(len(one)))}) for one in clean.series]
+    make = growing(Recording(tuple(noisy)))
+    chain, alone, context = make(FRICTION, BIAS)
+    assert chain.fit.error > 2.0 * noise_floor(chain.fit.by_part)
+    assert explained_share(make(FRICTION)[0].fit, chain.fit) < 0.5
+    assert names(supported(chain, alone, context)) == ['friction', 'bias']
+
+
+def test_data_that_were_not_fitted_are_likelier_with_what_is_there(grown):
+    chain, alone, context = grown(FRICTION, BIAS)
+    before, after = (residuals(fit.candidate, context.held_out) for fit in (alone, chain.fit))
+    n = sum(map(len, after)) - 6 * len(after)
+    ratio = np.mean(np.square(np.concatenate(before))) / np.mean(np.square(np.concatenate(after)))
+    # The noise is white, so that whitening by its memory changes little.
+    assert whitened_gain(before, after) == pytest.approx(n * np.log(ratio), rel=0.05)
+    assert whitened_gain(after, after) == 0.0
+    assert whitened_gain(chain.fit.by_part, alone.by_part) < 0.0
+
+
+def test_an_error_that_unusual_parameters_pay_for_is_no_gain_of_an_effect(grown):
+    """A delay of nothing gained so, on a plant whose lag is outside its search box."""
+    chain, alone, _ = grown(FRICTION, BIAS)
+    assert likely(alone, chain.fit, 0.01)
+    gain = float(alone.residual @ alone.residual - chain.fit.residual @ chain.fit.residual)
+    for paid, so in ((0.9, True), (1.1, False)):
+        assert likely(alone, replace(chain.fit, pulled=alone.pulled + paid * gain), 0.01) == so
+
+
+@pytest.mark.slow
+def test_the_best_fit_without_an_effect_is_remembered_in_the_order_of_the_chain(grown):
+    """What an effect had drawn the others to is no good place to do without it."""
+    chain, _, context = grown(FRICTION, BIAS)
+    swapped = grown(BIAS, FRICTION)[0].fit
+    astray = replace(chain.fit.candidate, effects=(
+        *(place(name, port, {parameter: 1e3 * value}, PLANT)
+          for name, port, parameter, value in (('friction', 'motor', 'coulomb', 10.0),
+                                               ('bias', 'motor', 'offset', 2.0))),
+        place('leakage', 'leakage', {'flow': 1e-9, 'exponent': 0.5}, PLANT)))
+    third = Finding(2, 0.0, 0.5, ())
+    lost = Chain(replace(chain.fit, candidate=astray), (*chain.findings, third))
+    context.remember(swapped)
+    fit, = context.without(lost.fit, [third.index])
+    assert [placed.effect.id for placed in fit.candidate.effects] == ['friction', 'bias']
+    assert fit.error == pytest.approx(swapped.error, rel=1e-3)
+
+
+@pytest.mark.slow
+def test_an_effect_is_proven_by_the_whole_interval_of_its_improvement(grown, monkeypatch):
+    """However much likelier the data are with it."""
+    chain, alone, context = grown(FRICTION, BIAS)
+    assert names(_proven(chain, alone, context)) == ['friction', 'bias']
+    monkeypatch.setattr('hydro_twin.inference.chain.improvement',
+                        lambda before, after, seed: Improvement(0.3, -0.11, 0.65))
+    assert names(_proven(chain, alone, context)) == []
+
+
+@pytest.mark.parametrize(('bias_helps', 'together', 'left'), [
+    (0.3, 0.4, ['friction', 'bias']), (0.3, -0.1, []), (-0.1, 0.4, [])])
+def test_effects_stay_that_are_proven_only_together(grown, monkeypatch, bias_helps, together,
+                                                    left):
+    chain, alone, context = grown(FRICTION, BIAS)
+    helps = iter([Improvement(0.6, 0.03, 0.9), Improvement(bias_helps, -0.2, 0.7),  # with both in
+                  Improvement(0.5, -0.3, 0.8),                                      # friction only
+                  Improvement(0.8, together, 0.9)])
+    module = 'hydro_twin.inference.chain'
+    monkeypatch.setattr(f'{module}.improvement', lambda *_: next(helps))
+    monkeypatch.setattr(f'{module}._exchange', lambda chain, context, last: chain)
+    assert names(_proven(chain, alone, context)) == left
+
+
+def test_an_exchange_ends_where_two_laws_seem_better_in_turns(grown, monkeypatch):
+    """As where the fit with finer steps is worse than the one that was preferred."""
+    chain, alone, context = grown(FRICTION, BIAS)
+    turns = []
+
+    def made(candidate, residual):
+        return replace(alone, candidate=candidate, unknowns=tuple(searched(candidate)),
+                       residual=residual)
+
+    def better(_, without, *__):
+        if names(Chain(without)) != ['bias']:
+            return []
+        assert len(turns) < 9
+        law = FRICTION if len(turns) % 2 else ('hysteresis', 'command', {'width': 0.1})
+        turns.append(law[0])
+        effects = (*without.candidate.effects, place(*law, PLANT))
+        return [Alternative(made(replace(without.candidate, effects=effects),
+                                 0.5 * chain.fit.residual))]
+
+    module = 'hydro_twin.inference.chain'
+    monkeypatch.setattr(Context, 'fit_alternatives', better)
+    monkeypatch.setattr(Context, 'without', lambda _, fit, indices: [
+        made(fit.candidate.without(k), alone.residual) for k in indices])
+    monkeypatch.setattr(f'{module}.finely', lambda fit, *_: made(
+        fit.candidate, chain.fit.residual))
+    assert set(names(_exchange(chain, context, last=True))) == {'hysteresis', 'bias'}
+    assert turns == ['hysteresis', 'friction']
+
+
+def test_a_dead_zone_that_shrinks_to_nothing_about_a_centre_is_a_bias(grown):
+    shrunk = ('dead_zone', 'command', {'width': 1e-6, 'centre': 0.02})
+    chain, _, context = grown(shrunk, FRICTION)
+    assert is_distinguishable(chain.fit, context.parts, 1)
+    assert not is_distinguishable(chain.fit, context.parts, 0)
+    simple = _simplified(chain, context)
+    assert names(simple) == ['friction', 'bias']
+    assert simple.indices == [0, 1]
+    assert simple.fit.error < 1.01 * chain.fit.error
+
+
+def test_what_is_distinguished_stays_as_it_is(grown):
+    chain, _, context = grown(FRICTION, BIAS)
+    assert _simplified(chain, context) == chain
+
+
+@pytest.mark.slow
+def test_what_stood_beside_an_effect_that_is_dropped_is_chosen_again(grown, monkeypatch):
+    """A leakage beside a bias may be all that is left, and friction is what is there."""
+    chain, alone, context = grown(('leakage', 'leakage', {'flow': 1e-7, 'exponent': 0.5}),
+                                  BIAS)
+    helps = iter([1.0, -0.1])               # of each with both in
+    module = 'hydro_twin.inference.chain'
+    monkeypatch.setattr(f'{module}.improvement',
+                        lambda *_: Improvement(0.0, next(helps, 1.0), 1.0))
+    assert names(_proven(chain, alone, context)) == ['friction']
+
+
+def test_an_effect_that_another_replaces_as_a_simpler_law_stays(grown, monkeypatch):
+    """Without the bias the hysteresis would be a constant: that it can is no proof against it."""
+    chain, alone, context = grown(BIAS, ('hysteresis', 'command', {'width': 0.1}))
+    helps = iter([-0.1, -0.1, 1.0])         # of each with both in, and of the one that is left
+    module = 'hydro_twin.inference.chain'
+    monkeypatch.setattr(f'{module}.improvement',
+                        lambda *_: Improvement(0.0, next(helps), 1.0))
+    monkeypatch.setattr(
+        f'{module}.is_distinguishable',
+        lambda fit, parts, index: names(Chain(fit)) != ['hysteresis'] or index != 0)
+    monkeypatch.setattr(f'{module}._exchange', lambda chain, context, last: chain)
+    assert names(_proven(chain, alone, context)) == ['bias']
