@@ -231,6 +231,7 @@ class Remainder(Struct, kw_only=True):
     depends_on: tuple[dict[str, Any], ...]
     when: tuple[dict[str, Any], ...]
     drifts: bool
+    error: float
     predicted_by_ports: dict[str, float]
     says: str
 

@@ -116,9 +116,10 @@ def _cylinder(index: int, rng: Generator) -> Machine:
                        + 0.3 * fine * rng.standard_normal(len(x))})
     if touched:
         effects.append('end_stop')
-    # Oil that leaks past the piston lets it creep.
-    return Machine('cylinder', tuple(sorted(effects)), (*DYNAMICS, 'bias'), tuple(series), rate,
-                   excitation, c._asdict())
+    # Oil that leaks past the piston lets it creep; every valve is an orifice, and every load more
+    # or less viscous.
+    return Machine('cylinder', tuple(sorted(effects)), (*DYNAMICS, 'bias', 'orifice'),
+                   tuple(series), rate, excitation, c._asdict())
 
 
 def _axis(index: int, rng: Generator) -> Machine:

@@ -29,7 +29,7 @@ SHORT, LONG = 8, 25     # evaluations of a search: to compare, to converge
 PREDICTED = 0.01        # p-value below which the port signals predict the residual
 LEVEL = 1e-3            # significance of the best curve, corrected for all that were tried
 STRENGTHS = (1.0, 0.3, 0.1)     # factors of the curve from the linear laws, to start from
-DRAWN = 0.8             # share of what a curve explains, from which a law of the same is enough
+DRAWN = 0.9             # share of what a curve explains, from which a law of the same is enough
 LARGEST = 3.0           # values of a curve, over the largest that passes its port without it
 CONSTANT = 0.9          # share of a curve's power that is its mean, from which it is a bias
 

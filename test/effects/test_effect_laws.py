@@ -105,6 +105,19 @@ def test_orifice_is_the_square_root_of_the_drop():
     np.testing.assert_allclose(found, expected, atol=1e-14)
 
 
+def test_a_speed_through_an_orifice_is_that_at_which_flow_and_load_agree():
+    """Of the valve and of the load, found by a search for where they meet."""
+    v_l, asked = 0.4, 0.5 * V
+
+    def meets(v):
+        return brentq(lambda y: v * np.sqrt(1 - y / v_l) - y, 0.0, v_l)
+
+    expected = [np.sign(v) * meets(abs(v)) for v in asked]
+    found = apply(('orifice', 'speed'), asked, [v_l], [asked])
+    np.testing.assert_allclose(found, expected, atol=1e-12)
+    assert np.abs(found).max() < v_l
+
+
 @pytest.mark.parametrize('key', [('rate_limit', 'rate'), ('saturation', 'opening')])
 def test_limits_are_limits(key):
     limits = [0.7, 0.0, 0.0] if key[0] == 'rate_limit' else [-0.7, 0.7]
