@@ -4,8 +4,8 @@
 
 CasADi runs the equations by the classical Runge-Kutta method, four steps in a sample, mapped over
 the samples, with forward derivatives by the physical parameters and the state at the start, in
-generated C where there is a compiler. Both searches are scipy's trust region. Times are those of the processor, best of three, compiled or
-built before; how long that takes is given by itself.
+generated C where there is a compiler. Both searches are scipy's trust region. Times are those of
+the processor, best of three, compiled or built before; how long that takes is given by itself.
 """
 from __future__ import annotations
 
