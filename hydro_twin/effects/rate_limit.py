@@ -6,6 +6,7 @@ from hydro_twin.effects.effect import Effect, EffectParameter, Span, Starts
 
 HARD = 0.02             # softness below which there is a corner
 REACHED = 0.8           # share of a limit that a soft one must come to, or it is but a bend
+SOFTEST = 0.5           # softness of no limit any more: a tanh has 0.37, orifice flow more
 
 
 @compiled
@@ -39,9 +40,10 @@ def refined(span: Span, values: tuple[float, ...]) -> Starts:
 
 def distinguishable(span: Span, values: tuple[float, ...]) -> bool:
     """Distinguish a limit that is reached, at least one way, from a gain that falls with speed."""
-    limit, imbalance, _ = values
-    return (span.high >= REACHED * limit * (1.0 + imbalance)
-            or span.low <= -REACHED * limit * (1.0 - imbalance))
+    limit, imbalance, softness = values
+    reached = (span.high >= REACHED * limit * (1.0 + imbalance)
+               or span.low <= -REACHED * limit * (1.0 - imbalance))
+    return reached and softness < 0.99 * SOFTEST
 
 
 EFFECT = Effect(
@@ -52,7 +54,7 @@ EFFECT = Effect(
         EffectParameter('limit', 'largest speed', 'value', 1e-12, 1e12),
         EffectParameter('imbalance', 'half the difference of the limits up and down over their '
                         'mean', '1', -0.999, 0.999, log=False, refinement=0.0),
-        EffectParameter('softness', 'of the corners, one over their power', '1', 0.0, 0.5,
+        EffectParameter('softness', 'of the corners, one over their power', '1', 0.0, SOFTEST,
                         log=False, refinement=0.0),
     ),
     starts=starts,

@@ -16,8 +16,7 @@ from hydro_twin.result import NamedEffect, VerdictKind
 SAMPLES = 1000.0        # as many decide between two laws: 20 of BIC, of 3000 samples, is 7 %
 # Share of the development rigs on which the law was another than those named ...
 SETTLED = 0.005         # ... where no test found anything in the residual
-DOUBTFUL = 0.15         # ... where one did
-MISFIT = 0.45           # ... and where several times the noise is left
+DOUBTFUL = 0.15         # ... and where one did
 # Share on which an effect showed although nothing was found, and none although something was left.
 MISSED = 0.15
 MISTAKEN = 0.02
@@ -48,14 +47,13 @@ def chance(p_value: float) -> float:
     return bound / (1.0 + bound)
 
 
-def unknown(settled: bool, loud: bool) -> float:
+def unknown(settled: bool) -> float:
     """Return the probability that the law is none of those named.
 
     Args:
         settled: whether no test finds anything in the residual that may hide it.
-        loud: whether the residual is larger than noise can be.
     """
-    return SETTLED if settled else MISFIT if loud else DOUBTFUL
+    return SETTLED if settled else DOUBTFUL
 
 
 def of_verdict(verdict: VerdictKind, effects: Sequence[NamedEffect]) -> tuple[float, float]:
@@ -68,4 +66,4 @@ def of_verdict(verdict: VerdictKind, effects: Sequence[NamedEffect]) -> tuple[fl
     if verdict == 'unexplained':
         return MISTAKEN, 1.0 - MISTAKEN
     nothing = min(chance(effect.p_value) for effect in effects)
-    return nothing, (1.0 - nothing) * max(effect.law_unknown for effect in effects)
+    return nothing, (1.0 - nothing) * max(unknown(effect.settled) for effect in effects)

@@ -53,11 +53,10 @@ def _judge(found: Evidence, finding: Finding, reach: Mapping[Port, Span]) -> Nam
     samples = len(found.after.main.residual)
     telling = finding.share / (1.0 - min(finding.share, 1.0 - 1e-12)) * samples
     settled = telling > TELLING and found.white and not is_structured(found, LIKELY)
-    law_unknown = unknown(settled, found.is_loud)
     among = shares({placed.effect.id: 0.0, **dict(rivals)}, samples)
     return NamedEffect(
-        finding.index, placed, finding.p_value, finding.share, law_unknown,
-        probability=(1.0 - chance(finding.p_value)) * (1.0 - law_unknown)
+        finding.index, placed, finding.p_value, finding.share, settled,
+        probability=(1.0 - chance(finding.p_value)) * (1.0 - unknown(settled))
         * among[placed.effect.id],
         ports=shares(_by_port(finding, placed, other_ports), samples),
         other_ports=other_ports, rivals=rivals)

@@ -119,7 +119,7 @@ def test_an_effect_is_proven_by_the_whole_interval_of_its_improvement(grown, mon
     """However much likelier the data are with it."""
     chain, alone, context = grown(FRICTION, BIAS)
     assert names(_proven(chain, alone, context)) == ['friction', 'bias']
-    monkeypatch.setattr('hydro_twin.inference.chain.improvement',
+    monkeypatch.setattr('hydro_twin.inference.chain.surer_improvement',
                         lambda before, after, seed: Improvement(0.3, -0.11, 0.65))
     assert names(_proven(chain, alone, context)) == []
 
@@ -133,7 +133,7 @@ def test_effects_stay_that_are_proven_only_together(grown, monkeypatch, bias_hel
                   Improvement(0.5, -0.3, 0.8),                                      # friction only
                   Improvement(0.8, together, 0.9)])
     module = 'hydro_twin.inference.chain'
-    monkeypatch.setattr(f'{module}.improvement', lambda *_: next(helps))
+    monkeypatch.setattr(f'{module}.surer_improvement', lambda *_: next(helps))
     monkeypatch.setattr(f'{module}._exchange', lambda chain, context, last: chain)
     assert names(_proven(chain, alone, context)) == left
 
@@ -190,7 +190,7 @@ def test_what_stood_beside_an_effect_that_is_dropped_is_chosen_again(grown, monk
                                   BIAS)
     helps = iter([1.0, -0.1])               # of each with both in
     module = 'hydro_twin.inference.chain'
-    monkeypatch.setattr(f'{module}.improvement',
+    monkeypatch.setattr(f'{module}.surer_improvement',
                         lambda *_: Improvement(0.0, next(helps, 1.0), 1.0))
     assert names(_proven(chain, alone, context)) == ['friction']
 
@@ -200,7 +200,7 @@ def test_an_effect_that_another_replaces_as_a_simpler_law_stays(grown, monkeypat
     chain, alone, context = grown(BIAS, ('hysteresis', 'command', {'width': 0.1}))
     helps = iter([-0.1, -0.1, 1.0])         # of each with both in, and of the one that is left
     module = 'hydro_twin.inference.chain'
-    monkeypatch.setattr(f'{module}.improvement',
+    monkeypatch.setattr(f'{module}.surer_improvement',
                         lambda *_: Improvement(0.0, next(helps), 1.0))
     monkeypatch.setattr(
         f'{module}.is_distinguishable',
