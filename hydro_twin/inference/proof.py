@@ -34,13 +34,13 @@ def improvement(before: Sequence[FloatArray], after: Sequence[FloatArray], seed:
     return _interval(float(1.0 - b.sum() / max(a.sum(), 1e-300)), relative)
 
 
-def usual_improvement(before: Sequence[FloatArray], after: Sequence[FloatArray], seed: int
-                      ) -> Improvement:
+def geometric_improvement(before: Sequence[FloatArray], after: Sequence[FloatArray], seed: int
+                          ) -> Improvement:
     """Compare two sets of residuals as `improvement`, by the geometric mean over the blocks.
 
     A mean square is that of its worst blocks: where something else happens in one of eight
-    windows, as to a rig under manual control, it says nothing of the others. Mean squares below
-    the median of those after count as that much.
+    windows, as to a rig under manual control, it says nothing of the others. The median of those
+    after is added to all, so that blocks in which hardly anything happens count little.
     """
     a, b, samples = _blocks(before, after)
     least = np.median(b / samples)
@@ -58,7 +58,7 @@ def surer_improvement(before: Sequence[FloatArray], after: Sequence[FloatArray],
     Mean squares see what happens seldom and much, as a stop that is met; their geometric mean
     what happens throughout.
     """
-    both = [compare(before, after, seed) for compare in (improvement, usual_improvement)]
+    both = [compare(before, after, seed) for compare in (improvement, geometric_improvement)]
     return max(both, key=lambda one: one.low)
 
 

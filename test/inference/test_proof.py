@@ -8,10 +8,10 @@ from scipy.signal import lfilter
 from hydro_twin.fitting import output_error
 from hydro_twin.fitting.parts import parts_of
 from hydro_twin.inference.proof import (
+    geometric_improvement,
     improvement,
     residuals,
     surer_improvement,
-    usual_improvement,
 )
 from hydro_twin.model import Model
 from hydro_twin.plants import plant_named
@@ -87,10 +87,10 @@ def test_one_bad_window_does_not_hide_what_the_others_show():
     before = [r * (8.0 if k == 6 else 3.0) for k, r in enumerate(common)]
     after = [r * (12.0 if k == 6 else 1.0) for k, r in enumerate(common)]
     assert improvement(before, after, 0).low < 0.0
-    usual = usual_improvement(before, after, 0)
+    usual = geometric_improvement(before, after, 0)
     assert 0.0 < usual.low < usual.relative < usual.high < 1.0
     assert surer_improvement(before, after, 0) == usual
-    assert usual_improvement(after, before, 0).high < 0.0
+    assert geometric_improvement(after, before, 0).high < 0.0
 
 
 def test_what_happens_seldom_and_much_shows_in_the_mean_square():
@@ -103,7 +103,7 @@ def test_what_happens_seldom_and_much_shows_in_the_mean_square():
     assert improvement(before, after, 0).low > 0.9
 
 
-@pytest.mark.parametrize('compare', [usual_improvement, surer_improvement])
+@pytest.mark.parametrize('compare', [geometric_improvement, surer_improvement])
 def test_another_draw_of_coloured_noise_is_no_improvement_by_either(compare):
     found = [compare(*pair(seed, 2**0.5), seed) for seed in range(200)]
     assert sum(one.low > 0 for one in found) <= 10
