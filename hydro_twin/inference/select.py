@@ -264,22 +264,28 @@ def best_at_each_place(fits: Sequence[Fit]) -> list[Fit]:
 def refine(fits: Sequence[Fit], parts: Sequence[Part], index: int = -1) -> list[Fit]:
     """Add refinements to the law of an effect, the last or another, where clearly better.
 
-    And remove those that are not: they made up for an effect that was missing at the time. Each
-    fit is refined by itself; they are fitted in one batch.
+    And remove those that are not: they made up for an effect that was missing at the time. Nor is
+    a form taken that the recording does not distinguish from a simpler effect, as a limit so soft
+    that it is none: the simple law may still stand. Each fit is refined by itself; they are fitted
+    in one batch.
     """
     formed = [_forms(fit, parts, index) for fit in fits]
     short = search_all([form for forms in formed for form in forms], parts, SHORT)
-    chosen: list[Fit | Model] = []
+    simple, chosen = [], []
     for fit, forms in zip(fits, formed, strict=True):
         tried = [fit, *islice(short, len(forms))]
-        simplest = int(bool(forms) and _is_refined(fit, index))
-        gains = [refinement_gain(tried[simplest], form) for form in tried]
-        best = int(np.argmax(gains))
-        if gains[best] < CLEARLY:
-            best = simplest
-        chosen.append(fit if best == 0 else tried[best].candidate)
-    long = search_all([c for c in chosen if isinstance(c, Model)], parts, LONG)
-    return [next(long) if isinstance(c, Model) else c for c in chosen]
+        simplest = tried[int(bool(forms) and _is_refined(fit, index))]
+        gains = [refinement_gain(simplest, form) for form in tried]
+        better = [tried[k] for k in np.argsort(gains)[::-1] if not gains[k] < CLEARLY]
+        simple.append(simplest)
+        chosen.append(next((form for form in better
+                            if is_distinguishable(form, parts, index)), simplest))
+    long = search_all([best.candidate for best, fit in zip(chosen, fits, strict=True)
+                       if best is not fit], parts, LONG)
+    refined = [fit if best is fit else next(long)
+               for best, fit in zip(chosen, fits, strict=True)]
+    return [form if form is fit or is_distinguishable(form, parts, index) else plain
+            for form, fit, plain in zip(refined, fits, simple, strict=True)]
 
 
 def _is_refined(fit: Fit, index: int) -> bool:
