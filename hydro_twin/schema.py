@@ -231,7 +231,6 @@ class Remainder(Struct, kw_only=True):
     depends_on: tuple[dict[str, Any], ...]
     when: tuple[dict[str, Any], ...]
     drifts: bool
-    error: float
     predicted_by_ports: dict[str, float]
     says: str
 

@@ -6,6 +6,8 @@ import math
 from hydro_twin.compiled import compiled
 from hydro_twin.effects.effect import ADDED, Effect, EffectParameter, Quantity, Span, Starts
 
+BREAKAWAY = 2.0         # extra force to break away over that of sliding: dry metals have up to 1
+
 
 @compiled
 def law(v, s, p, z, h, c, z_next):  # type: ignore[no-untyped-def]
@@ -75,6 +77,12 @@ def refined(span: Span, values: tuple[float, ...]) -> Starts:
             (F_c, 0.3 * F_c, v_s, sigma, 0.0), (F_c, 0.0, 1.0, math.inf, v_s)]
 
 
+def distinguishable(span: Span, values: tuple[float, ...]) -> bool:
+    """Tell breaking away from a blow at each reversal, which several times the force would be."""
+    F_c, F_s, *_ = values
+    return F_s <= BREAKAWAY * F_c
+
+
 EFFECT = Effect(
     id='friction',
     title='dry friction',
@@ -94,6 +102,7 @@ EFFECT = Effect(
     starts=starts,
     excitation='let the velocity change sign slowly under load',
     refined=refined,
+    distinguishable=distinguishable,
     law=law,
     memory=2,
     implicit=True,

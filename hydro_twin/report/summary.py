@@ -71,7 +71,6 @@ def summarise(result: TraceResult) -> dict[str, Any]:
             'when': [{'bag': spell.bag, 'from_s': spell.begin, 'to_s': spell.end}
                      for spell in remainder.spells],
             'drifts': remainder.drifts,
-            'error': remainder.error,
             'predicted_by_ports': {'share': share, 'p_value': p_value},
             'says': remainder_sentence(result),
         },

@@ -158,10 +158,19 @@ def test_leakage_is_told_from_laminar():
     assert not leakage.distinguishable(span, (1e-6, 0.94))
 
 
+def test_a_force_to_break_away_is_at_most_twice_that_of_sliding():
+    friction = next(effect for effect in EFFECTS if effect.id == 'friction')
+    span = Span(-100.0, 100.0, {}, {}, (0.0, 1.0), 0.001)
+    assert friction.distinguishable(span, (20.0, 0.0, 1.0, math.inf, 0.0))
+    assert friction.distinguishable(span, (20.0, 30.0, 0.01, math.inf, 0.0))
+    assert not friction.distinguishable(span, (18.0, 90.0, 0.013, 3e6, 0.0))
+
+
 def test_a_soft_rate_limit_is_told_from_a_falling_gain_only_where_it_is_reached():
     rate_limit = next(effect for effect in EFFECTS if effect.id == 'rate_limit')
     span = Span(-0.3, 0.2, {}, {}, (0.0, 1.0), 0.002)
     assert rate_limit.distinguishable(span, (0.3, 0.0, 0.0))
-    assert rate_limit.distinguishable(span, (0.35, 0.0, 0.5))
-    assert not rate_limit.distinguishable(span, (0.7, 0.0, 0.5))
+    assert rate_limit.distinguishable(span, (0.35, 0.0, 0.4))
+    assert not rate_limit.distinguishable(span, (0.7, 0.0, 0.4))
+    assert not rate_limit.distinguishable(span, (0.35, 0.0, 0.5))    # as orifice flow is
     assert rate_limit.distinguishable(span, (0.7, -0.65, 0.3))       # upwards only
