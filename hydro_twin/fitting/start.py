@@ -239,4 +239,3 @@ class _At:
     state: FloatArray
     missed: FloatArray
     power: float
-
