@@ -98,7 +98,7 @@ def evidence(name, found=True, curve=False, seconds=0.6, source='a bag'):
                        for k in range(len(effects))) if found else (),
         improvement=improvement(residuals(before.candidate, test),
                                 residuals(after.candidate, test), 0),
-        by_horizon=truth.plant.integrates, held_out_error=after.error,
+        by_horizon=truth.plant.integrates, held_out_error=after.error, held_out_ratio=1.0,
         floor=noise_floor(after.by_part),
         white=is_white(after.by_part),
         lines=() if found else (Line(50.25, 0.125),),

@@ -14,38 +14,71 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import replace
 
-from hydro_twin.fitting.autoregression import noise_filter
+from hydro_twin.fitting.autoregression import autoregression, noise_filter, whiten
 from hydro_twin.fitting.fit import Fit
 from hydro_twin.fitting.parts import Part
 from hydro_twin.fitting.port_signals import PREDICTED, predicted_by_ports
 from hydro_twin.fitting.problem import Problem
 from hydro_twin.fitting.whiteness import is_white
+from hydro_twin.predictors.scores import rms
 
 TURNS = 2               # fits, each with the noise of the one before; a third moves an estimate by
 #                         less than a hundredth of its standard error
+COLOURED = 0.5          # RMS of what is new in each sample over that of all: a fourth of the power
 MOST = 100_000          # samples; the test of more takes gigabytes, and so many tell enough
+
+
+def is_coloured(fit: Fit) -> bool:
+    """Whether most of what a fit leaves of the output could be predicted from what it left before.
+
+    Least squares then wastes most of what the recording shows.
+    """
+    pieces = fit.by_part
+    return rms(whiten(pieces, autoregression(pieces))) < COLOURED * fit.error
+
+
+def whitened(parts: Sequence[Part], fit: Fit) -> list[Part]:
+    """Take what a fit leaves as the noise of output and sensors: parts that whiten it.
+
+    Args:
+        parts: that are to be fitted.
+        fit: to the like of them, as they are.
+    """
+    filters = tuple(map(noise_filter, fit.by_output))
+    return [replace(part, filters=filters) for part in parts]
+
+
+def as_measured(fit: Fit, parts: Sequence[Part]) -> Fit:
+    """Return a fit to whitened parts with the residual as it is.
+
+    What it determines stays what the whitened parts do.
+
+    Args:
+        fit: to whitened parts.
+        parts: the same without filters.
+    """
+    plain = Problem(fit.candidate, fit.unknowns, parts).as_it_is()
+    return replace(plain, whitened=(fit.residual, fit.jacobian))
 
 
 def with_coloured_noise(fit: Fit, parts: Sequence[Part]) -> Fit:
     """Fit again by the likelihood of coloured noise, if that is what is left.
 
     Args:
-        fit: of a model, by least squares.
+        fit: of a model.
         parts: what it was fitted to.
 
     Returns:
-        The fit with the filters of the noise; the same fit where what is left is white, or no
-        noise.
+        The fit with the filters of the noise; the same fit where it has them, or where what is
+        left is white, or no noise.
     """
-    if (len(fit.residual) > MOST or all(map(is_white, fit.by_output))
+    if (fit.whitened or len(fit.residual) > MOST or all(map(is_white, fit.by_output))
             or predicted_by_ports(fit, parts)[1] < PREDICTED):
         return fit
     again = fit
     for _ in range(TURNS):
-        filters = [noise_filter(pieces) for pieces in again.by_output]
-        white = Problem(again.candidate, fit.unknowns, parts, filters).solve()
+        white = Problem(again.candidate, fit.unknowns, whitened(parts, again)).solve()
         if not all(map(is_white, white.by_output)):
             return fit
-        again = replace(Problem(white.candidate, fit.unknowns, parts).as_it_is(),
-                        whitened=(white.residual, white.jacobian))
+        again = as_measured(white, parts)
     return again if predicted_by_ports(again, parts)[1] > PREDICTED else fit

@@ -49,9 +49,10 @@ def free_run(model: Model, part: Part, seen: FloatArray | None = None) -> FloatA
 
 
 def residuals(model: Model, parts: Sequence[Part]) -> list[FloatArray]:
-    """Measured less free run over the scored samples of each part, (N - start-up,)."""
-    return [(part.measured - model.system.run(part.inputs, start.x, start.z, start=part.start))[
-        model.start_up:] for part, start in zip(parts, initial_states(model, parts), strict=True)]
+    """Measured less free run over the scored samples of each part, whitened, (N - start-up,)."""
+    return [part.whitened(part.measured - model.system.run(
+        part.inputs, start.x, start.z, start=part.start))[model.start_up:]
+            for part, start in zip(parts, initial_states(model, parts), strict=True)]
 
 
 def fitted_residuals(model: Model, parts: Sequence[Part]) -> list[FloatArray]:
@@ -63,8 +64,8 @@ def fitted_residuals(model: Model, parts: Sequence[Part]) -> list[FloatArray]:
     for part, start in zip(parts, initial_states(model, parts), strict=True):
         y, slopes = run_with_slopes(model.system, NONE, tangents, part.inputs, start.x, start.z,
                                     part.start)
-        found.append(without_start(part.measured - y, slopes, usual, model.start_up,
-                                   room=start.room).residual)
+        found.append(without_start(part.whitened(part.measured - y), part.whitened(slopes), usual,
+                                   model.start_up, room=start.room).residual)
     return found
 
 
@@ -82,6 +83,7 @@ def residuals_from(model: Model, parts: Sequence[Part], states: Sequence[FloatAr
     """
     system, usual = model.system, usual_response(model)
     response = system.free_response(max(len(part.measured) for part in parts))
-    return [without_start(part.measured - system.run(part.inputs, x, start=part.start),
-                          response[:len(part.measured)], usual, model.start_up).residual
+    return [without_start(
+        part.whitened(part.measured - system.run(part.inputs, x, start=part.start)),
+        part.whitened(response[:len(part.measured)]), usual, model.start_up).residual
             for part, x in zip(parts, states, strict=True)]

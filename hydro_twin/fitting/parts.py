@@ -6,6 +6,7 @@ from dataclasses import dataclass, field, replace
 import math
 
 import numpy as np
+from scipy import signal
 
 from hydro_twin.errors import DataError
 from hydro_twin.plants import Plant
@@ -29,6 +30,8 @@ class Part:
         sensors: what else was measured, by name, nan where it is missing, each (N,).
         travel: between which values the output was in all that was recorded, held-out data too:
             there is no stop in between. None: in nothing but the parts that are run over.
+        filters: that whiten the noise of output and sensors, as `noise_filter` makes them, so that
+            the sum of squares of a residual is its likelihood; none where it is taken as white.
     """
 
     inputs: FloatArray
@@ -37,6 +40,14 @@ class Part:
     start: int = 0
     sensors: Mapping[str, FloatArray] = field(default_factory=dict)
     travel: tuple[float, float] | None = None
+    filters: tuple[FloatArray, ...] = ()
+
+    def whitened(self, missed: FloatArray) -> FloatArray:
+        """Filter what is missed of the output, (N, ...), by the filter of its noise."""
+        if not self.filters:
+            return missed
+        white: FloatArray = signal.lfilter(self.filters[0], [1.0], missed, axis=0)
+        return white
 
     def cut(self, first: int, last: int, sample_time: float) -> Part:
         """Take the samples from the first up to the last, which is not among them."""
@@ -70,7 +81,7 @@ def parts_of(recording: Recording, plant: Plant) -> list[Part]:
             that a run which follows it counts as diverged.
     """
     parts = [
-        Part(np.column_stack([series[signal.name] for signal in plant.inputs]),
+        Part(np.column_stack([series[one.name] for one in plant.inputs]),
              np.ascontiguousarray(series[plant.output.name]), series.source, series.start,
              {sensor.name: series[sensor.name] for sensor in plant.sensors
               if sensor.name in series.columns})
@@ -121,7 +132,7 @@ def thin(parts: Sequence[Part], plant: Plant, factor: int) -> list[Part]:
     for part in parts:
         n = len(part.measured) // factor * factor
         held = part.inputs[:n].reshape(-1, factor, part.inputs.shape[1]).mean(axis=1)
-        inputs = np.where([signal.held for signal in plant.inputs], held, part.inputs[:n:factor])
+        inputs = np.where([one.held for one in plant.inputs], held, part.inputs[:n:factor])
         thinned.append(replace(part, inputs=np.ascontiguousarray(inputs),
                                measured=np.ascontiguousarray(part.measured[:n:factor]),
                                sensors={name: column[:n:factor]

@@ -38,7 +38,7 @@ def predicted_by_ports(fit: Fit, parts: Sequence[Part]) -> tuple[float, float]:
     picked = _distinct(joined)
     largest = np.abs(joined[:, picked]).max(axis=0)
     pieces = []
-    for seen in observed:
+    for part, seen in zip(parts, observed, strict=True):
         signals = seen[:, picked] / largest
         count = signals.shape[1]
         products = [signals[:, i] * signals[:, j] for i in range(count) for j in range(i)]
@@ -48,7 +48,7 @@ def predicted_by_ports(fit: Fit, parts: Sequence[Part]) -> tuple[float, float]:
         for lag in LAGS:
             share = 1.0 - np.exp(-sample_time / lag)
             lagged.append(signal.lfilter([share], [1.0, share - 1.0], shapes, axis=0))
-        pieces.append(np.column_stack(lagged)[fit.candidate.start_up - 1:-1])
+        pieces.append(part.whitened(np.column_stack(lagged))[fit.candidate.start_up - 1:-1])
     held = fit.at_bound()
     free = [label(unknown) not in held for unknown in fit.unknowns]
     basis, _ = np.linalg.qr(fit.jacobian[:, free])

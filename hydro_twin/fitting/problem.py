@@ -83,16 +83,12 @@ class Problem:
         base: from where the search begins.
         unknowns: what is searched.
         parts: what is fitted.
-        filters: that whiten the noise of output and sensors, as `noise_filter` makes them, so that
-            the sum of squares is its likelihood; none where it is taken as white.
     """
 
-    def __init__(self, base: Model, unknowns: Sequence[Unknown], parts: Sequence[Part],
-                 filters: Sequence[FloatArray] = ()) -> None:
+    def __init__(self, base: Model, unknowns: Sequence[Unknown], parts: Sequence[Part]) -> None:
         self.base = base
         self.unknowns = tuple(unknowns)
         self.parts = parts
-        self.filters = tuple(filters)
         self.sensors = sensors_in(parts, base.plant, base.start_up)
         self.stacks = [Stack.of(part, self.sensors, base.start_up) for part in parts]
         self.pieces = Pieces.of(self.stacks)
@@ -180,12 +176,12 @@ class Problem:
         def run_from(start: Start, part: Part, stack: Stack, weight: float | None) -> Eliminated:
             y, slopes = run_all_with_slopes(system, by, tangents, part.inputs, start.x, start.z,
                                             part.start, self.sensors)
-            rows = stack.whitened(stack.pick(slopes, scales), self.filters)
+            rows = stack.whitened(stack.pick(slopes, scales), part.filters)
             others = np.empty((len(rows), by.count))
             others[:, order] = rows[:, :by.count]
             missed = stack.whitened(
                 np.clip(np.nan_to_num(stack.pick(stack.measured - y, scales), nan=limit),
-                        -limit, limit), self.filters)
+                        -limit, limit), part.filters)
             return without_start(missed, rows[:, by.count:], usual, stack.first, others, weight,
                                  start.room)
 

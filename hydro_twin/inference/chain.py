@@ -83,11 +83,22 @@ def grow(base: Fit, alternatives: Sequence[Alternative], context: Context) -> Ch
         better = finely(first.fit, context.parts, FINE_ENOUGH)
         context.remember(fit)
         context.remember(better)
-        chain = _exchange(Chain(better, (*chain.findings, found)), context)
+        chain = exchange(Chain(better, (*chain.findings, found)), context)
         chain = _simplified(_refined(chain, chain.findings[:-1], context), context)
         if len(chain.findings) == MOST:
             break
         alternatives = context.fit_alternatives(chain.fit, LATER)
+    return chain
+
+
+def settled(chain: Chain, base: Fit, context: Context) -> Chain:
+    """Keep of a model what held-out data bear out, and see what else could be in its place.
+
+    Args:
+        chain: a model that has grown.
+        base: the fit without any of its effects.
+        context: the data.
+    """
     chain = _proven(chain, base, context)
     chain = _simplified(_refined(chain, chain.findings, context), context)
     return _without_refuted(chain, context)
@@ -223,7 +234,7 @@ def _proven(chain: Chain, without: Fit, context: Context) -> Chain:
             least = k + (k >= least)
             break
     # What stood beside the others need not be the best by itself.
-    chosen = _exchange(Chain(bare[least], other_findings(chain, least)), context, last=True)
+    chosen = exchange(Chain(bare[least], other_findings(chain, least)), context, last=True)
     smaller = _proven(chosen, without, context)
     if smaller.findings or len(gains) < 2 or not all(gain.relative > 0.0 for gain in gains):
         return smaller
@@ -292,7 +303,7 @@ def supported(chain: Chain, without: Fit, context: Context) -> Chain:
         without: the fit without any of its effects.
         context: the data.
     """
-    if not chain.findings or not _leaves_something(chain, context):
+    if not chain.findings or not leaves_something(chain, context):
         return chain
     bare = context.without(chain.fit, chain.indices) if len(chain.findings) > 1 else [without]
     shares = [explained_share(fit, chain.fit) for fit in bare]
@@ -302,7 +313,7 @@ def supported(chain: Chain, without: Fit, context: Context) -> Chain:
     return supported(Chain(bare[least], other_findings(chain, least)), without, context)
 
 
-def _leaves_something(chain: Chain, context: Context) -> bool:
+def leaves_something(chain: Chain, context: Context) -> bool:
     """Whether the residual cannot be noise.
 
     The port signals or time predict it, or it is larger on held-out data. That it is larger than
@@ -341,7 +352,7 @@ def finely(fit: Fit, parts: Sequence[Part], finest: int) -> Fit:
     return fit if candidate is fit.candidate else search(candidate, parts, 40)
 
 
-def _exchange(chain: Chain, context: Context, last: bool = False,
+def exchange(chain: Chain, context: Context, last: bool = False,
               left: frozenset[frozenset[str]] = frozenset()) -> Chain:
     """Choose each earlier effect again, now that the last one is in the model.
 
@@ -361,14 +372,14 @@ def _exchange(chain: Chain, context: Context, last: bool = False,
         (without,), rest = context.without(chain.fit, [found.index]), other_findings(chain, k)
         with_it, bare = criterion([chain.fit, without])
         if bare < with_it + CLEARLY or share(without, chain.fit) < WORTH:
-            return _exchange(Chain(without, rest), context, last, left)
+            return exchange(Chain(without, rest), context, last, left)
         alternatives = context.fit_alternatives(without, AGAIN, RIVALS * chain.fit.error)
         scores = criterion([chain.fit, *(c.fit for c in alternatives)])
         if (alternatives and scores[1] < scores[0] - CLEARLY
                 and effects_of(alternatives[0].fit.candidate) not in left):
             instead = best_finding(without, alternatives)
             better = finely(alternatives[0].fit, context.parts, FINE_ENOUGH)
-            return _exchange(Chain(better, (*rest, instead)), context, last, left)
+            return exchange(Chain(better, (*rest, instead)), context, last, left)
         others = [c for c in alternatives
                   if (c.id, c.placed.port) != (placed.effect.id, placed.port)]
         kept = finding(without, chain.fit, in_place(others), found.index)

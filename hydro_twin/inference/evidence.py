@@ -36,6 +36,8 @@ class Evidence:
         by_horizon: whether that is the error over a horizon, see `judged_errors`.
         held_out_error: RMS of the residual of `after` on the like of the test parts, but for
             their initial states.
+        held_out_ratio: that over the RMS of the residual of `after`; both whitened, where that was
+            fitted as coloured noise.
         floor: estimated RMS of the noise.
         bursts: when much of what is left comes, if seldom; in `train`, then in `test`.
         depends_on: what the residual of `after` still depends on.
@@ -59,6 +61,7 @@ class Evidence:
     improvement: Improvement
     by_horizon: bool
     held_out_error: float
+    held_out_ratio: float
     floor: float
     white: bool
     lines: tuple[Line, ...]
@@ -104,4 +107,4 @@ class Evidence:
     @property
     def is_larger_held_out(self) -> bool:
         """Whether the model fails on held-out data, in which more must happen."""
-        return not self.held_out_error <= HELD_OUT * self.after.error
+        return not self.held_out_ratio <= HELD_OUT

@@ -36,5 +36,6 @@ def without_unreached(fit: Fit, parts: Sequence[Part]) -> Fit:
                 kept = [label(unknown) != label(limit) for unknown in fit.unknowns]
                 fit = replace(
                     fit, candidate=freed, jacobian=fit.jacobian[:, kept],
+                    whitened=fit.whitened and (fit.whitened[0], fit.whitened[1][:, kept]),
                     unknowns=tuple(u for u, keep in zip(fit.unknowns, kept, strict=True) if keep))
     return fit

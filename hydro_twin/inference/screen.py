@@ -76,16 +76,14 @@ def places(plant: Plant, taken: Sequence[Placed], parameters: bool = False
     """List every effect on every port it may sit on, less those taken.
 
     Effects on parameters, as a drift, only if they are asked for; and of parameters that act only
-    together, on one. Where a plant integrates, linear dynamics with a law (lag and mode) are left
-    out: its output hardly moves at the frequencies where they differ from a delay.
+    together, on one.
     """
     used = {(placed.effect, placed.port) for placed in taken}
-    slow, together = plant.integrates, left_alone(plant)
+    together = left_alone(plant)
     return [(effect, port) for effect in EFFECTS for port in sites(effect, plant)
             if (effect, port) not in used
             and (parameters or effect.course is None)
-            and (effect.course is None or port.name not in together)
-            and not (slow and effect.dynamic and effect.law is not None)]
+            and (effect.course is None or port.name not in together)]
 
 
 def screen(fit: Fit, parts: Sequence[Part]) -> list[Prospect]:

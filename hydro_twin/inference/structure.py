@@ -73,8 +73,8 @@ def free_curves(fit: Fit, parts: Sequence[Part]) -> list[Dependence]:
         knots = np.linspace(low, high, KNOTS)
         filter_ = carry.b[:, port]
         columns = np.concatenate([
-            _carried(hats(seen[:, row], knots), filter_, carry.a)[candidate.start_up:]
-            for seen in observed])
+            part.whitened(_carried(hats(seen[:, row], knots), filter_, carry.a))[
+                candidate.start_up:] for part, seen in zip(parts, observed, strict=True)])
         weights, share, p_value = explained(columns, fit.residual, basis)
         found.append(Dependence(candidate.plant.ports[port], name, share,
                                 min(1.0, p_value * len(groups)), knots, weights))

@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 
 from hydro_twin.blas import one_thread
-from hydro_twin.fitting.coloured import with_coloured_noise
+from hydro_twin.fitting.coloured import as_measured, whitened, with_coloured_noise
 from hydro_twin.fitting.fit import Fit
 from hydro_twin.fitting.horizon import errors_over_horizon, judged_errors
 from hydro_twin.fitting.linear import fit_linear
@@ -15,12 +15,13 @@ from hydro_twin.fitting.outputs import sensors_in
 from hydro_twin.fitting.parts import least_samples, Part, parts_of, thin, with_travel
 from hydro_twin.fitting.port_signals import predicted_by_ports
 from hydro_twin.fitting.whiteness import is_white
-from hydro_twin.inference.chain import finely, FINEST, grow, supported, without_last, WORTH
+from hydro_twin.inference.chain import finely, FINEST, WORTH
 from hydro_twin.inference.context import Context
 from hydro_twin.inference.curve import FittedCurve
 from hydro_twin.inference.evaluate import result_of
 from hydro_twin.inference.evidence import Evidence
 from hydro_twin.inference.excerpt import excerpt, harmless_factor, resampled
+from hydro_twin.inference.explanation import explain
 from hydro_twin.inference.findings import Chain, share
 from hydro_twin.inference.limits import without_unreached
 from hydro_twin.inference.memory import named, remember
@@ -28,14 +29,14 @@ from hydro_twin.inference.noise import bursts, lines, noise_floor
 from hydro_twin.inference.proof import improvement, proof, residuals
 from hydro_twin.inference.screen import hidden
 from hydro_twin.inference.select import (
-    fit_alternatives,
     free_run_error,
     search,
     search_all,
     unrefined,
+    unsearched,
 )
 from hydro_twin.inference.structure import dependences, drift
-from hydro_twin.inference.weighing import best_named, with_curve
+from hydro_twin.inference.weighing import best_named
 from hydro_twin.model import Model, Record
 from hydro_twin.plants import Plant
 from hydro_twin.predictors.analytical import Analytical
@@ -51,7 +52,6 @@ from hydro_twin.result import (
 )
 
 AT_LAST = 60_000        # samples of a thinned recording that are all used in the final fit
-EVERY = 1000            # effects fitted in full in the first round
 SAME = 1.02             # ratio of mean square errors on held-out data up to which none is worse
 
 
@@ -187,17 +187,7 @@ def _search(train: Recording, test: Recording, plant: Plant,
         replace(resampled(known, base.candidate.sample_time),
                 effects=(*known.effects[:given], placed)) for placed in known.effects[given:]]
     context = Context(parts, others, _times([*whole, *held_out], sample_time), seed, progress)
-    alternatives = fit_alternatives(base, parts, context.times, EVERY, True, progress, single)
-    if alternatives:
-        base = without_last(base, alternatives[0].fit, parts)
-    chain = grow(base, alternatives, context)
-    if chain.findings:
-        better = search(finely(chain.fit, parts, FINEST).candidate, parts, 60)
-        chain = supported(replace(chain, fit=better), base, context)
-    if not chain.findings:
-        chain = Chain(base)
-    progress('free curve')
-    chain, found, replaced = with_curve(chain, base, context)
+    base, chain, found, replaced = explain(base, context, single)
     final = chain.fit if found is None else found.fit
     if final is not base:
         bare = replace(final.candidate, effects=final.candidate.effects[:given])
@@ -232,11 +222,13 @@ def _search(train: Recording, test: Recording, plant: Plant,
         chain, after = Chain(base), base
         gain, by_horizon = _gain(before, base, test, seed)
     pieces, left = after.by_part, residuals(after, fine_held_out)
+    compared = residuals(after, whitened(fine_held_out, after)) if after.whitened else left
     traced = Evidence(
         plant=plant, before=before, after=after, train=whole, test=held_out,
         recordings={'train': train, 'test': test}, fitted=fine, hidden=(),
         findings=chain.findings,
         improvement=gain, by_horizon=by_horizon, held_out_error=rms(np.concatenate(left)),
+        held_out_ratio=rms(np.concatenate(compared)) / max(after.error, 1e-300),
         floor=noise_floor(pieces), white=is_white(pieces),
         lines=tuple(lines(pieces, sample_time)),
         bursts=tuple(bursts(residuals(after, [*whole, *held_out]))),
@@ -283,7 +275,7 @@ def _on_all(found: FittedCurve, after: Fit, sample_time: float, parts: Sequence[
             held_out: Sequence[Part], seed: int) -> FittedCurve | None:
     """Fit a curve to all samples; None if it does not help on the held-out ones."""
     fit = _as_recorded(found.fit, sample_time, parts)
-    helps = proof(after, fit, held_out, seed)
+    helps = proof(after, fit, whitened(held_out, after) if after.whitened else held_out, seed)
     return replace(found, fit=fit, proof=helps) if helps.low > 0.0 else None
 
 
@@ -295,6 +287,9 @@ def _as_recorded(fit: Fit, sample_time: float, parts: Sequence[Part]) -> Fit:
     of a residual little but the errors of the time steps.
     """
     candidate = resampled(fit.candidate, sample_time)
+    if fit.whitened:
+        white = whitened(parts, unsearched(candidate, parts))
+        return as_measured(_as_recorded(replace(fit, whitened=None), sample_time, white), parts)
     simple = replace(candidate, effects=tuple(map(unrefined, candidate.effects)))
     if simple.effects == candidate.effects:
         fine = search(candidate, parts, 20)

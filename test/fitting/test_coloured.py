@@ -50,10 +50,10 @@ def test_is_generalised_least_squares():
     true = Model(VALVE, {'tau': 0.3, 'K': 1.0}, 0.1)
     shape = true.system.run(command[:, None], np.array([0.0]))
     start = true.system.free_response(n)[:, 0]
-    part = Part(command[:, None], shape + coloured(5, n, memory, 0.3))
+    part = Part(command[:, None], shape + coloured(5, n, memory, 0.3),
+                filters=(np.array([1.0, -memory]),))
     unknowns = [u for u in plant_unknowns(VALVE, 'physical') if u.name == 'K']
-    filter_ = np.array([1.0, -memory])
-    found = Problem(true, unknowns, [part], [filter_]).solve(tolerance=1e-12)
+    found = Problem(true, unknowns, [part]).solve(tolerance=1e-12)
     X = np.column_stack([shape, start])
     W = np.linalg.inv(np.linalg.cholesky(toeplitz(memory ** np.arange(n))))[true.start_up:]
     expected = np.linalg.lstsq(W @ X, W @ part.measured)[0][0]

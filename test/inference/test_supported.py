@@ -10,7 +10,7 @@ from scipy.signal import lfilter
 from traced_rig import fitted, PLANT, record
 
 from hydro_twin.fitting.output_error import residuals
-from hydro_twin.inference.chain import _exchange, _proven, _simplified, likely, supported
+from hydro_twin.inference.chain import _proven, _simplified, exchange, likely, supported
 from hydro_twin.inference.context import Context
 from hydro_twin.inference.criterion import whitened_gain
 from hydro_twin.inference.findings import Chain, explained_share, Finding
@@ -134,7 +134,7 @@ def test_effects_stay_that_are_proven_only_together(grown, monkeypatch, bias_hel
                   Improvement(0.8, together, 0.9)])
     module = 'hydro_twin.inference.chain'
     monkeypatch.setattr(f'{module}.surer_improvement', lambda *_: next(helps))
-    monkeypatch.setattr(f'{module}._exchange', lambda chain, context, last: chain)
+    monkeypatch.setattr(f'{module}.exchange', lambda chain, context, last: chain)
     assert names(_proven(chain, alone, context)) == left
 
 
@@ -163,7 +163,7 @@ def test_an_exchange_ends_where_two_laws_seem_better_in_turns(grown, monkeypatch
         made(fit.candidate.without(k), alone.residual) for k in indices])
     monkeypatch.setattr(f'{module}.finely', lambda fit, *_: made(
         fit.candidate, chain.fit.residual))
-    assert set(names(_exchange(chain, context, last=True))) == {'hysteresis', 'bias'}
+    assert set(names(exchange(chain, context, last=True))) == {'hysteresis', 'bias'}
     assert turns == ['hysteresis', 'friction']
 
 
@@ -205,5 +205,5 @@ def test_an_effect_that_another_replaces_as_a_simpler_law_stays(grown, monkeypat
     monkeypatch.setattr(
         f'{module}.is_distinguishable',
         lambda fit, parts, index: names(Chain(fit)) != ['hysteresis'] or index != 0)
-    monkeypatch.setattr(f'{module}._exchange', lambda chain, context, last: chain)
+    monkeypatch.setattr(f'{module}.exchange', lambda chain, context, last: chain)
     assert names(_proven(chain, alone, context)) == ['bias']

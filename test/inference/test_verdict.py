@@ -61,7 +61,7 @@ def test_a_law_is_certain_where_the_residual_is_white_and_no_rival_is_near(rubbi
     alone = without_rivals(rubbing)
     assert all(one.certain for one in named_effects(alone))
     for doubt in ({'white': False}, {'floor': alone.after.error / 8.0},
-                  {'held_out_error': 2.0 * alone.after.error}):
+                  {'held_out_ratio': 2.0}):
         assert not any(one.certain for one in named_effects(replace(alone, **doubt))), doubt
 
 
@@ -134,5 +134,5 @@ def test_a_delay_before_an_integrator_may_be_a_lag_or_a_mode():
 @pytest.mark.parametrize('ratio', [1.5, float('nan')])
 def test_a_model_that_fails_on_held_out_data_lacks_something(rubbing, ratio):
     nothing = replace(rubbing, findings=())
-    failed = replace(nothing, held_out_error=ratio * nothing.after.error)
+    failed = replace(nothing, held_out_ratio=ratio)
     assert verdict_of(failed) == 'unexplained'

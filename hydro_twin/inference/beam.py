@@ -1,0 +1,98 @@
+"""A search from several models at once, where adding the best effect each time left something.
+
+Two laws that act together may each explain less than a third that imitates them: a dead zone off
+its middle with a limit behind it looks like an offset. The greedy search takes the offset, and
+what is left then points elsewhere.
+"""
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+
+import numpy as np
+
+from hydro_twin.fitting.fit import Fit
+from hydro_twin.inference.chain import (
+    AGAIN,
+    exchange,
+    leaves_something,
+    likely,
+    MOST,
+    settled,
+    WORTH,
+)
+from hydro_twin.inference.context import Context
+from hydro_twin.inference.criterion import CLEARLY, criterion
+from hydro_twin.inference.findings import Chain, finding, share
+from hydro_twin.inference.select import Alternative
+
+WIDTH = 3               # models that go on
+DEEPER = 1              # effects in a model beyond those that are kept: one more may make an
+#                         earlier one needless
+
+
+def widen(chain: Chain, base: Fit, alternatives: Sequence[Alternative], context: Context) -> Chain:
+    """Search for a model that is clearly better than a chain that leaves something.
+
+    From the best first effects on, each of the best models is extended by each of the best
+    effects beside it, effects that have become needless are dropped, and the best go on. Models
+    are compared by their BIC.
+
+    Args:
+        chain: what the greedy search found.
+        base: the fit without any effect.
+        alternatives: fits with one, best first.
+        context: the data.
+    """
+    if not alternatives or not leaves_something(chain, context):
+        return chain
+    given = len(base.candidate.effects)
+    seen: dict[frozenset[str], Fit] = {}
+    beam = _best([one.fit for one in alternatives if likely(base, one.fit, WORTH)], seen)
+    for _ in range(MOST + DEEPER - 1):
+        seen |= {_kinds(fit): fit for fit in beam}
+        extended = [one.fit for fit in beam for one in context.fit_alternatives(fit, AGAIN)
+                    if likely(fit, one.fit, WORTH)]
+        beam = _best((_without_needless(fit, given, context)
+                      for fit in _best(extended, seen)), seen)
+    seen |= {_kinds(fit): fit for fit in beam}
+    whole = [fit for fit in seen.values() if len(fit.candidate.effects) <= given + MOST]
+    if not whole:
+        return chain
+    first, *scores = criterion([chain.fit, *whole])
+    best = whole[int(np.argmin(scores))]
+    if not min(scores) < first - CLEARLY:
+        return chain
+    for fit in whole:
+        context.remember(fit)
+    indices = range(given, len(best.candidate.effects))
+    found = tuple(finding(without, best, (), index) for index, without in zip(
+        indices, context.without(best, indices), strict=True))
+    other = settled(exchange(Chain(best, found), context, last=True), base, context)
+    one, two = criterion([chain.fit, other.fit])
+    return other if two < one - CLEARLY else chain
+
+
+def _kinds(fit: Fit) -> frozenset[str]:
+    """Name the effects of a model, at whatever ports: those at others hardly differ."""
+    return frozenset(placed.effect.id for placed in fit.candidate.effects)
+
+
+def _best(fits: Iterable[Fit], seen: dict[frozenset[str], Fit]) -> list[Fit]:
+    """Keep the best models that are not seen yet, of each set of effects the best one."""
+    best: dict[frozenset[str], Fit] = {}
+    for fit in sorted(fits, key=lambda one: one.cost):
+        if _kinds(fit) not in seen:
+            best.setdefault(_kinds(fit), fit)
+    some = list(best.values())
+    scores = criterion(some) if some else []
+    return [some[k] for k in np.argsort(scores, kind='stable')[:WIDTH]]
+
+
+def _without_needless(fit: Fit, given: int, context: Context) -> Fit:
+    """Drop each effect without which the BIC is hardly larger."""
+    indices = range(given, len(fit.candidate.effects) - 1)
+    for without in context.without(fit, indices):
+        with_it, bare = criterion([fit, without])
+        if bare < with_it + CLEARLY or share(without, fit) < WORTH:
+            return _without_needless(without, given, context)
+    return fit

@@ -1,0 +1,111 @@
+"""What a model lacks: named effects and a free curve, by the likelihood of what they leave.
+
+A plant that integrates adds up whatever disturbs it, as the time of a command between two samples.
+Its residual is then a random walk, of which least squares sees the slow end only: a dead zone
+counts as an offset does. So where the residual of a first search is coloured, it is taken as the
+noise, and the search is repeated by the likelihood of that: on parts that whiten it.
+"""
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+from typing import NamedTuple
+
+from hydro_twin.fitting.coloured import as_measured, is_coloured, whitened
+from hydro_twin.fitting.fit import Fit
+from hydro_twin.fitting.parts import Part
+from hydro_twin.inference.beam import widen
+from hydro_twin.inference.chain import finely, FINEST, grow, settled, supported, without_last
+from hydro_twin.inference.context import Context
+from hydro_twin.inference.curve import FittedCurve
+from hydro_twin.inference.findings import Chain
+from hydro_twin.inference.proof import proof
+from hydro_twin.inference.select import Alternative, fit_alternatives, search
+from hydro_twin.inference.weighing import with_curve
+from hydro_twin.model import Model
+
+EVERY = 1000            # effects fitted in full in the first round
+
+
+class Explanation(NamedTuple):
+    """What a model lacks.
+
+    Attributes:
+        base: the model without it, fitted no worse than from the first effect.
+        chain: the model with the named effects.
+        found: a curve without a name on top of that, if one helps.
+        replaced: the named effects whose place it took, if it did.
+    """
+
+    base: Fit
+    chain: Chain
+    found: FittedCurve | None
+    replaced: Chain | None
+
+
+def explain(base: Fit, context: Context, known: Sequence[Model]) -> Explanation:
+    """Search for what a model lacks.
+
+    Args:
+        base: the model.
+        context: the data.
+        known: models with one effect more, to start from.
+    """
+    base, chain, alternatives = _grown(base, context, known)
+    if not is_coloured(chain.fit):
+        return Explanation(base, *_completed(chain, base, alternatives, context))
+    context.progress('coloured residual')
+    parts, given = context.parts, base.candidate.effects
+    white = replace(context, parts=whitened(parts, chain.fit),
+                    held_out=whitened(context.held_out, chain.fit), known={}, fits={})
+    known = [replace(base.candidate, effects=(*given, placed))
+             for placed in chain.fit.candidate.effects[len(given):]]
+    there, again, alternatives = _grown(search(base.candidate, white.parts, 40), white, known)
+    again, found, replaced = _completed(again, there, alternatives, white)
+    again = _as_measured(again, parts) if again.findings else Chain(base)
+    if found is None:
+        return Explanation(base, again, None, None)
+    found = replace(found, fit=as_measured(found.fit, parts))
+    named = replaced and _as_measured(replaced, parts)
+    # What is new in each sample may be explained at the cost of the run as a whole.
+    if proof((named or again).fit, found.fit, context.held_out, context.seed).relative > 0.0:
+        return Explanation(base, again, found, named)
+    return Explanation(base, named or again, None, None)
+
+
+def _as_measured(chain: Chain, parts: Sequence[Part]) -> Chain:
+    """Take a chain that was fitted to whitened parts to the parts as they are."""
+    return replace(chain, fit=as_measured(chain.fit, parts))
+
+
+def _grown(base: Fit, context: Context, known: Sequence[Model]
+           ) -> tuple[Fit, Chain, Sequence[Alternative]]:
+    """Add effects to a model one after another.
+
+    Returns:
+        The base, fitted no worse than from the first effect; the chain; the first alternatives.
+    """
+    alternatives = fit_alternatives(base, context.parts, context.times, EVERY, True,
+                                    context.progress, known)
+    if alternatives:
+        base = without_last(base, alternatives[0].fit, context.parts)
+    chain = settled(grow(base, alternatives, context), base, context)
+    return base, _supported(chain, base, context), alternatives
+
+
+def _supported(chain: Chain, base: Fit, context: Context) -> Chain:
+    """Fit a chain with steps that are fine enough, and drop what explains too little."""
+    if chain.findings:
+        better = search(finely(chain.fit, context.parts, FINEST).candidate, context.parts, 60)
+        chain = supported(replace(chain, fit=better), base, context)
+    return chain if chain.findings else Chain(base)
+
+
+def _completed(chain: Chain, base: Fit, alternatives: Sequence[Alternative], context: Context
+               ) -> tuple[Chain, FittedCurve | None, Chain | None]:
+    """Search further where a chain leaves something, and then for a free curve."""
+    wider = widen(chain, base, alternatives, context)
+    if wider is not chain:
+        chain = _supported(wider, base, context)
+    context.progress('free curve')
+    return with_curve(chain, base, context)
