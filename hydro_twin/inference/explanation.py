@@ -51,9 +51,10 @@ def explain(base: Fit, context: Context, known: Sequence[Model]) -> Explanation:
         context: the data.
         known: models with one effect more, to start from.
     """
-    base, chain, alternatives = _grown(base, context, known)
+    base, chain, _ = _grown(base, context, known)
     if not is_coloured(chain.fit):
-        return Explanation(base, *_completed(chain, base, alternatives, context))
+        context.progress('free curve')
+        return Explanation(base, *with_curve(chain, base, context))
     context.progress('coloured residual')
     parts, given = context.parts, base.candidate.effects
     white = replace(context, parts=whitened(parts, chain.fit),
@@ -61,7 +62,11 @@ def explain(base: Fit, context: Context, known: Sequence[Model]) -> Explanation:
     known = [replace(base.candidate, effects=(*given, placed))
              for placed in chain.fit.candidate.effects[len(given):]]
     there, again, alternatives = _grown(search(base.candidate, white.parts, 40), white, known)
-    again, found, replaced = _completed(again, there, alternatives, white)
+    wider = widen(again, there, alternatives, white)
+    if wider is not again:
+        again = _supported(wider, there, white)
+    context.progress('free curve')
+    again, found, replaced = with_curve(again, there, white)
     again = _as_measured(again, parts) if again.findings else Chain(base)
     if found is None:
         return Explanation(base, again, None, None)
@@ -99,13 +104,3 @@ def _supported(chain: Chain, base: Fit, context: Context) -> Chain:
         better = search(finely(chain.fit, context.parts, FINEST).candidate, context.parts, 60)
         chain = supported(replace(chain, fit=better), base, context)
     return chain if chain.findings else Chain(base)
-
-
-def _completed(chain: Chain, base: Fit, alternatives: Sequence[Alternative], context: Context
-               ) -> tuple[Chain, FittedCurve | None, Chain | None]:
-    """Search further where a chain leaves something, and then for a free curve."""
-    wider = widen(chain, base, alternatives, context)
-    if wider is not chain:
-        chain = _supported(wider, base, context)
-    context.progress('free curve')
-    return with_curve(chain, base, context)
