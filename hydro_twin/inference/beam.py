@@ -7,6 +7,7 @@ what is left then points elsewhere.
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
+import math
 
 import numpy as np
 
@@ -17,13 +18,14 @@ from hydro_twin.inference.chain import (
     leaves_something,
     likely,
     MOST,
+    RIVALS,
     settled,
     WORTH,
 )
 from hydro_twin.inference.context import Context
 from hydro_twin.inference.criterion import CLEARLY, criterion
 from hydro_twin.inference.findings import Chain, finding, share
-from hydro_twin.inference.select import Alternative
+from hydro_twin.inference.select import Alternative, refine
 
 WIDTH = 3               # models that go on
 DEEPER = 1              # effects in a model beyond those that are kept: one more may make an
@@ -50,7 +52,8 @@ def widen(chain: Chain, base: Fit, alternatives: Sequence[Alternative], context:
     beam = _best([one.fit for one in alternatives if likely(base, one.fit, WORTH)], seen)
     for _ in range(MOST + DEEPER - 1):
         seen |= {_kinds(fit): fit for fit in beam}
-        extended = [one.fit for fit in beam for one in context.fit_alternatives(fit, AGAIN)
+        extended = [one.fit for fit in beam
+                    for one in context.fit_alternatives(fit, AGAIN, _most(fit, chain))
                     if likely(fit, one.fit, WORTH)]
         beam = _best((_without_needless(fit, given, context)
                       for fit in _best(extended, seen)), seen)
@@ -72,6 +75,15 @@ def widen(chain: Chain, base: Fit, alternatives: Sequence[Alternative], context:
     return other if two < one - CLEARLY else chain
 
 
+def _most(fit: Fit, chain: Chain) -> float:
+    """Return the error beyond which an extension of a model is no rival to a chain.
+
+    One that has no more effects may still come near with another.
+    """
+    larger = len(fit.candidate.effects) >= len(chain.fit.candidate.effects)
+    return RIVALS * chain.fit.error if larger else math.inf
+
+
 def _kinds(fit: Fit) -> frozenset[str]:
     """Name the effects of a model, at whatever ports: those at others hardly differ."""
     return frozenset(placed.effect.id for placed in fit.candidate.effects)
@@ -89,9 +101,14 @@ def _best(fits: Iterable[Fit], seen: dict[frozenset[str], Fit]) -> list[Fit]:
 
 
 def _without_needless(fit: Fit, given: int, context: Context) -> Fit:
-    """Drop each effect without which the BIC is hardly larger."""
+    """Drop each effect without which the BIC is hardly larger, as an offset beside a dead zone.
+
+    What is left is refined for that: the middle of the zone takes the place of the offset.
+    """
     indices = range(given, len(fit.candidate.effects) - 1)
     for without in context.without(fit, indices):
+        for index in range(given, len(without.candidate.effects)):
+            without, = refine([without], context.parts, index)
         with_it, bare = criterion([fit, without])
         if bare < with_it + CLEARLY or share(without, fit) < WORTH:
             return _without_needless(without, given, context)
