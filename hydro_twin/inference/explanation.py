@@ -42,6 +42,11 @@ class Explanation(NamedTuple):
     found: FittedCurve | None
     replaced: Chain | None
 
+    @property
+    def fit(self) -> Fit:
+        """The model with all that was found."""
+        return self.chain.fit if self.found is None else self.found.fit
+
 
 def explain(base: Fit, context: Context, known: Sequence[Model]) -> Explanation:
     """Search for what a model lacks.
@@ -52,10 +57,19 @@ def explain(base: Fit, context: Context, known: Sequence[Model]) -> Explanation:
         known: models with one effect more, to start from.
     """
     base, chain, _ = _grown(base, context, known)
-    if not is_coloured(chain.fit):
-        context.progress('free curve')
-        return Explanation(base, *with_curve(chain, base, context))
-    context.progress('coloured residual')
+    if is_coloured(chain.fit):
+        context.progress('coloured residual')
+        found = _by_likelihood(base, chain, context)
+        # Innovations may be explained at the cost of the run, where no laws are exactly right.
+        helps = proof(chain.fit, found.fit, context.held_out, context.seed)
+        if helps.high > 0.0:
+            return found
+    context.progress('free curve')
+    return Explanation(base, *with_curve(chain, base, context))
+
+
+def _by_likelihood(base: Fit, chain: Chain, context: Context) -> Explanation:
+    """Repeat a search by the likelihood of what it left; see `explain`."""
     parts, given = context.parts, base.candidate.effects
     white = replace(context, parts=whitened(parts, chain.fit),
                     held_out=whitened(context.held_out, chain.fit), known={}, fits={})
@@ -72,7 +86,6 @@ def explain(base: Fit, context: Context, known: Sequence[Model]) -> Explanation:
         return Explanation(base, again, None, None)
     found = replace(found, fit=as_measured(found.fit, parts))
     named = replaced and _as_measured(replaced, parts)
-    # What is new in each sample may be explained at the cost of the run as a whole.
     if proof((named or again).fit, found.fit, context.held_out, context.seed).relative > 0.0:
         return Explanation(base, again, found, named)
     return Explanation(base, named or again, None, None)

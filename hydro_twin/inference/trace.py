@@ -187,10 +187,10 @@ def _search(train: Recording, test: Recording, plant: Plant,
         replace(resampled(known, base.candidate.sample_time),
                 effects=(*known.effects[:given], placed)) for placed in known.effects[given:]]
     context = Context(parts, others, _times([*whole, *held_out], sample_time), seed, progress)
-    base, chain, found, replaced = explain(base, context, single)
-    final = chain.fit if found is None else found.fit
-    if final is not base:
-        bare = replace(final.candidate, effects=final.candidate.effects[:given])
+    explained = explain(base, context, single)
+    base, chain, found, replaced = explained
+    if explained.fit is not base:
+        bare = replace(explained.fit.candidate, effects=explained.fit.candidate.effects[:given])
         from_final = search(bare, parts, 40)
         base, first = min(context.best(base), from_final, key=lambda fit: fit.cost), base
         chain = Chain(base) if chain.fit is first else chain
