@@ -4,6 +4,7 @@ from dataclasses import replace
 from coloured_noise import coloured
 import numpy as np
 import pytest
+import sampled_valve
 from scipy.signal import lfilter
 
 from hydro_twin.fitting.coloured import as_measured, is_coloured, whitened
@@ -81,31 +82,16 @@ def test_noise_of_a_long_memory_only_is_coloured(memory, expected):
     assert is_coloured(fit) == expected
 
 
-def between_samples(seed):
-    """Record a minute at 20 Hz; the command of the valve, with overlap, changes at any time."""
-    rng = np.random.default_rng(seed)
-    changes = np.cumsum(rng.uniform(150, 900, 400))
-    levels = rng.uniform(-4.0, 4.0, 401)
-    command, x = np.empty(60_000), np.empty(60_000)
-    speed, position = 0.0, 0.3
-    for k in range(60_000):
-        command[k] = levels[np.searchsorted(changes, k)] - 10.0 * (position - 0.3)
-        passed = command[k] - np.clip(command[k], -1.4, 0.5)
-        speed += 0.001 / 0.04 * (0.03 * passed - speed)
-        position += 0.001 * speed
-        x[k] = position
-    return Part(command[::50, None], x[::50] + 1e-5 * rng.standard_normal(1200))
-
-
 @pytest.mark.parametrize('seed', range(3))
 def test_commands_between_two_samples_make_a_random_walk_that_hides_a_lag(seed):
-    recorded = [between_samples(seed)]
+    parts = [sampled_valve.recorded(seed)]
     zone = place('dead_zone', 'command', {'width': 0.8, 'centre': -0.3}, PLANT)
-    model = replace(MODEL, sample_time=0.05, effects=(zone,))
-    plain = Problem(model, searched(model), recorded).solve()
-    white = Problem(model, searched(model), whitened(recorded, plain)).solve().candidate
+    model = replace(MODEL, sample_time=sampled_valve.SAMPLE_TIME, effects=(zone,))
+    plain = Problem(model, searched(model), parts).solve()
+    white = Problem(model, searched(model), whitened(parts, plain)).solve().candidate
     assert is_coloured(plain)
-    assert abs(plain.candidate.values['tau'] / 0.04 - 1.0) > 0.3
-    assert white.values == pytest.approx({**white.values, 'tau': 0.04, 'K_v': 0.03}, rel=0.2)
+    assert abs(plain.candidate.values['tau'] / sampled_valve.LAG - 1.0) > 0.3
+    assert white.values == pytest.approx({
+        **white.values, 'tau': sampled_valve.LAG, 'K_v': sampled_valve.GAIN}, rel=0.2)
     assert white.effects[0].named['width'] == pytest.approx(0.95, abs=0.03)
     assert white.timing['command'] == pytest.approx(-0.025, abs=0.004)

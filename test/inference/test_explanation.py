@@ -1,0 +1,56 @@
+"""The second search, by the likelihood of what the first one left."""
+from __future__ import annotations
+
+import pytest
+import sampled_valve
+
+from hydro_twin.effects import EFFECTS
+from hydro_twin.fitting.coloured import is_coloured
+from hydro_twin.inference import explanation, screen
+from hydro_twin.inference.context import Context
+from hydro_twin.inference.explanation import explain, Explanation
+from hydro_twin.inference.findings import Chain
+from hydro_twin.inference.select import search
+from hydro_twin.model import Model
+from hydro_twin.plants import plant_named
+
+PLANT, T = plant_named('cylinder'), sampled_valve.SAMPLE_TIME
+
+
+@pytest.fixture(autouse=True)
+def few_effects(monkeypatch):
+    """Leave the laws that play a part here, to be quick."""
+    monkeypatch.setattr(screen, 'EFFECTS', tuple(
+        effect for effect in EFFECTS if effect.id in ('bias', 'dead_zone', 'saturation')))
+
+
+@pytest.fixture(scope='module')
+def recorded():
+    """A minute in windows of ten seconds, the linear fit, and half a minute held out."""
+    train, held_out = ([sampled_valve.recorded(seed).cut(k, k + 200, T) for seed in seeds
+                        for k in range(0, windows * 200, 200)]
+                       for seeds, windows in (((1,), 6), ((3,), 3)))
+    values = PLANT.constant_values() | {'K_v': 0.02, 'tau': 0.1}
+    return (search(Model(PLANT, values, T, substeps=2), train, 40),
+            Context(train, held_out, (0.0, 60.0), 0, lambda _: None))
+
+
+@pytest.mark.slow
+def test_an_uneven_dead_zone_is_named_and_nothing_else(recorded):
+    base, context = recorded
+    found = explain(base, context, [])
+    assert is_coloured(found.fit)
+    zone, = found.chain.fit.candidate.effects
+    assert zone.effect.id == 'dead_zone'
+    width, centre = zone.named['width'], zone.named['centre']
+    assert centre - width == pytest.approx(sampled_valve.LOWER, abs=0.1)
+    assert centre + width == pytest.approx(sampled_valve.UPPER, abs=0.1)
+    assert found.fit.whitened is not None
+
+
+@pytest.mark.slow
+def test_it_is_not_taken_where_the_run_is_worse(recorded, monkeypatch):
+    base, context = recorded
+    monkeypatch.setattr(explanation, '_by_likelihood', lambda base, chain, context:
+                        Explanation(base, Chain(base), None, None))
+    assert explain(base, context, []).chain.findings
