@@ -353,7 +353,7 @@ def finely(fit: Fit, parts: Sequence[Part], finest: int) -> Fit:
 
 
 def exchange(chain: Chain, context: Context, last: bool = False,
-              left: frozenset[frozenset[str]] = frozenset()) -> Chain:
+             left: frozenset[frozenset[str]] = frozenset()) -> Chain:
     """Choose each earlier effect again, now that the last one is in the model.
 
     It may have become unnecessary, and is dropped; or it may have stood in for two, and another
