@@ -26,7 +26,7 @@ def few_effects(monkeypatch):
 
 @pytest.fixture(scope='module')
 def recorded():
-    """Cut a minute into windows of ten seconds, fit the linear plant, and hold half a minute out."""
+    """Cut a minute into windows of ten seconds, fit the linear plant, hold half a minute out."""
     train, held_out = ([sampled_valve.recorded(seed).cut(k, k + 200, T) for seed in seeds
                         for k in range(0, windows * 200, 200)]
                        for seeds, windows in (((1,), 6), ((3,), 3)))
