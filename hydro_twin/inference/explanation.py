@@ -60,10 +60,11 @@ def explain(base: Fit, context: Context, known: Sequence[Model]) -> Explanation:
     if is_coloured(chain.fit):
         context.progress('coloured residual')
         found = _by_likelihood(base, chain, context)
-        # Innovations may be explained at the cost of the run, where no laws are exactly right.
-        helps = proof(chain.fit, found.fit, context.held_out, context.seed)
-        if helps.high > 0.0:
-            return found
+        if _ids(found.fit) != _ids(chain.fit):
+            # Innovations may be explained at the cost of the run, where no laws are exactly right.
+            helps = proof(chain.fit, found.fit, context.held_out, context.seed)
+            if helps.high > 0.0:
+                return found
     context.progress('free curve')
     return Explanation(base, *with_curve(chain, base, context))
 
@@ -89,6 +90,11 @@ def _by_likelihood(base: Fit, chain: Chain, context: Context) -> Explanation:
     if proof((named or again).fit, found.fit, context.held_out, context.seed).relative > 0.0:
         return Explanation(base, again, found, named)
     return Explanation(base, named or again, None, None)
+
+
+def _ids(fit: Fit) -> list[str]:
+    """Name the effects of a model, at whatever ports."""
+    return sorted(placed.effect.id for placed in fit.candidate.effects)
 
 
 def _as_measured(chain: Chain, parts: Sequence[Part]) -> Chain:
