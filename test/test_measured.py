@@ -144,6 +144,25 @@ def test_servo_valve_and_cylinder(shell: Shell, tmp_path: Path) -> None:
 
 
 @pytest.mark.measured
+@pytest.mark.parametrize('joint', ['boom', 'stick', 'bucket'])
+def test_excavator(joint: str, shell: Shell, tmp_path: Path) -> None:
+    shell('import', *sorted((DATA / 'excavator').glob('*.csv.gz')), '-o', tmp_path / joint,
+          '--map', ROOT / 'config' / 'measured' / f'excavator_{joint}.yaml')
+    found = shell('trace', tmp_path / joint, '--plant', 'cylinder', '-o', tmp_path / 'out')
+    effects = {effect['id']: effect['parameters'] for effect in found['effects']}
+    # Beside the dead zone a limit, which nothing that is known of the machine excludes.
+    assert 'dead_zone' in effects
+    assert set(effects) <= {'dead_zone', 'rate_limit', 'saturation'}
+    zone = effects['dead_zone']
+    edges = [zone.get('centre', {'value': 0.0})['value'] + side * zone['width']['value']
+             for side in (-1.0, 1.0)]
+    row, = re.findall(rf'^\| {joint} \|(.*)', PAGE, re.MULTILINE)
+    says = [float(edge) for edge in re.findall(r'(-?[\d.]+) to (-?[\d.]+)', row)[1]]
+    assert edges == pytest.approx(says, abs=0.1)
+    assert not any(effect['certain'] for effect in found['effects'])
+
+
+@pytest.mark.measured
 def test_water_valve(shell: Shell, tmp_path: Path) -> None:
     shell('import', DATA / 'water_valve' / 'actuator3_2001-10-11_1h.csv.gz', '-o',
           tmp_path / 'valve', '--map', ROOT / 'config' / 'measured' / 'water_valve.yaml')
