@@ -59,18 +59,24 @@ def explain(base: Fit, context: Context, known: Sequence[Model]) -> Explanation:
     base, chain, _ = _grown(base, context, known)
     if is_coloured(chain.fit):
         context.progress('coloured residual')
-        found = _by_likelihood(base, chain, context)
-        if _ids(found.fit) != _ids(chain.fit):
-            # Innovations may be explained at the cost of the run, where no laws are exactly right.
-            helps = proof(chain.fit, found.fit, context.held_out, context.seed)
-            if helps.high > 0.0:
-                return found
+        if found := _by_likelihood(base, chain, context):
+            return found
     context.progress('free curve')
     return Explanation(base, *with_curve(chain, base, context))
 
 
-def _by_likelihood(base: Fit, chain: Chain, context: Context) -> Explanation:
-    """Repeat a search by the likelihood of what it left; see `explain`."""
+def _by_likelihood(base: Fit, chain: Chain, context: Context) -> Explanation | None:
+    """Repeat a search by the likelihood of what it left.
+
+    Args:
+        base: the model.
+        chain: what was found by least squares.
+        context: the data.
+
+    Returns:
+        What is found now; None where that is the same effects, or not surely better on held-out
+        data by this likelihood, or surely worse by the run itself.
+    """
     parts, given = context.parts, base.candidate.effects
     white = replace(context, parts=whitened(parts, chain.fit),
                     held_out=whitened(context.held_out, chain.fit), known={}, fits={})
@@ -82,14 +88,23 @@ def _by_likelihood(base: Fit, chain: Chain, context: Context) -> Explanation:
         again = _supported(wider, there, white)
     context.progress('free curve')
     again, found, replaced = with_curve(again, there, white)
+    last = again.fit if found is None else found.fit
+    if _ids(last) == _ids(chain.fit):
+        return None
+    first = search(chain.fit.candidate, white.parts, 40)
+    if not proof(first, last, white.held_out, context.seed).low > 0.0:
+        return None
     again = _as_measured(again, parts) if again.findings else Chain(base)
-    if found is None:
-        return Explanation(base, again, None, None)
-    found = replace(found, fit=as_measured(found.fit, parts))
-    named = replaced and _as_measured(replaced, parts)
-    if proof((named or again).fit, found.fit, context.held_out, context.seed).relative > 0.0:
-        return Explanation(base, again, found, named)
-    return Explanation(base, named or again, None, None)
+    explained = Explanation(base, again, None, None)
+    if found is not None:
+        found = replace(found, fit=as_measured(found.fit, parts))
+        named = replaced and _as_measured(replaced, parts)
+        helps = proof((named or again).fit, found.fit, context.held_out, context.seed)
+        explained = (Explanation(base, again, found, named) if helps.relative > 0.0 else
+                     Explanation(base, named or again, None, None))
+    # Innovations may be explained at the cost of the run, where no laws are exactly right.
+    helps = proof(chain.fit, explained.fit, context.held_out, context.seed)
+    return explained if helps.high > 0.0 else None
 
 
 def _ids(fit: Fit) -> list[str]:

@@ -137,7 +137,19 @@ def fit_alternatives(base: Fit, parts: Sequence[Part], times: tuple[float, float
     plain = [*known, *drift_starts(base, parts, times)]
     if afresh:
         plain += nearest(linear_starts(base.candidate, parts), parts)
-    return finish(base, race([*plain, *near], parts, progress), parts, most_error)
+    tried = [one for one in (*plain, *near) if _can_show(one, parts)]
+    return finish(base, race(tried, parts, progress), parts, most_error)
+
+
+def _can_show(candidate: Model, parts: Sequence[Part]) -> bool:
+    """Whether the last effect can be distinguished in the residual as it is.
+
+    Where a plant integrates, its output hardly moves at the frequencies where a lag or a mode
+    differs from a delay; where that is whitened, these frequencies count.
+    """
+    effect = candidate.effects[-1].effect
+    slow = candidate.plant.integrates and not parts[0].filters
+    return not (slow and effect.dynamic and effect.law is not None)
 
 
 def race(candidates: Sequence[Model], parts: Sequence[Part],

@@ -10,8 +10,8 @@ from hydro_twin.effects import EFFECTS
 from hydro_twin.fitting.coloured import is_coloured
 from hydro_twin.inference import explanation, screen
 from hydro_twin.inference.context import Context
-from hydro_twin.inference.explanation import explain, Explanation
-from hydro_twin.inference.findings import Chain
+from hydro_twin.inference.explanation import explain
+from hydro_twin.inference.findings import Chain, finding
 from hydro_twin.inference.select import search
 from hydro_twin.model import Model, place
 from hydro_twin.plants import plant_named
@@ -50,13 +50,42 @@ def test_where_both_searches_name_the_same_the_error_of_the_run_decides(recorded
     assert found.fit.whitened is None
 
 
+def stub_searches(monkeypatch, *chains):
+    """Let the searches end with these, in turn; each is a function of base and context."""
+    ends = iter(chains)
+
+    def grown(base, context, known):
+        return base, next(ends)(base, context), []
+
+    monkeypatch.setattr(explanation, '_grown', grown)
+    monkeypatch.setattr(explanation, 'with_curve', lambda chain, base, context:
+                        (chain, None, None))
+
+
+def nothing(base, context):
+    """Name no effect."""
+    return Chain(base)
+
+
+def a_zone(base, context, *more):
+    """Name the dead zone, and more."""
+    zone = place('dead_zone', 'command', {'width': 0.9, 'centre': -0.4}, PLANT)
+    fit = search(replace(base.candidate, effects=(zone, *more)), context.parts, 40)
+    return Chain(fit, tuple(finding(base, fit, (), k) for k in range(1 + len(more))))
+
+
+def a_zone_and_a_limit(base, context):
+    """Name a limit that is never reached as well."""
+    return a_zone(base, context, place('saturation', 'command', {'lower': -99.0, 'upper': 99.0},
+                                       PLANT))
+
+
 @pytest.mark.slow
-def test_others_are_taken_unless_the_run_is_surely_worse(recorded, monkeypatch):
-    base, context = recorded
-    zone = place('dead_zone', 'command', {'width': 0.95, 'centre': -0.45}, PLANT)
-    limit = place('saturation', 'command', {'lower': -3.9, 'upper': 3.9}, PLANT)
-    as_good = Chain(search(replace(base.candidate, effects=(zone, limit)), context.parts, 40))
-    for other, taken in ((Chain(base), False), (as_good, True)):
-        monkeypatch.setattr(explanation, '_by_likelihood', lambda base, chain, context, it=other:
-                            Explanation(base, it, None, None))
-        assert (explain(base, context, []).chain is other) == taken
+@pytest.mark.parametrize(('first', 'second', 'taken'), [
+    (nothing, a_zone, True), (a_zone, nothing, False), (a_zone, a_zone_and_a_limit, False)])
+def test_other_effects_are_taken_if_they_are_surely_better(
+        recorded, monkeypatch, first, second, taken):
+    stub_searches(monkeypatch, first, second)
+    found = explain(*recorded, [])
+    assert (found.fit.whitened is not None) == taken
+    assert [placed.effect.id for placed in found.fit.candidate.effects] == ['dead_zone']
