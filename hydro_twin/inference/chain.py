@@ -357,9 +357,8 @@ def exchange(chain: Chain, context: Context, last: bool = False,
     """Choose each earlier effect again, now that the last one is in the model.
 
     It may have become unnecessary, and is dropped; or it may have stood in for two, and another
-    replaces it, or the same with better values. Its rivals are those beside the other effects.
-    Effects that were left for others are not returned to: a search may end better from here, and
-    these from there.
+    replaces it. Its rivals are those beside the other effects. Effects that were left for others
+    are not returned to: a search may end better from here, and these from there.
 
     Args:
         chain: a model that has grown.
@@ -367,20 +366,20 @@ def exchange(chain: Chain, context: Context, last: bool = False,
         last: whether to choose the last one again, too.
         left: sets of effects that were replaced before.
     """
-    here = effects_of(chain.fit.candidate)
+    left |= {effects_of(chain.fit.candidate)}
     for k, found in enumerate(chain.findings[:None if last else -1]):
         placed = chain.fit.candidate.effects[found.index]
         (without,), rest = context.without(chain.fit, [found.index]), other_findings(chain, k)
         with_it, bare = criterion([chain.fit, without])
         if bare < with_it + CLEARLY or share(without, chain.fit) < WORTH:
-            return exchange(Chain(without, rest), context, last, left | {here})
+            return exchange(Chain(without, rest), context, last, left)
         alternatives = context.fit_alternatives(without, AGAIN, RIVALS * chain.fit.error)
         scores = criterion([chain.fit, *(c.fit for c in alternatives)])
         if (alternatives and scores[1] < scores[0] - CLEARLY
                 and effects_of(alternatives[0].fit.candidate) not in left):
             instead = best_finding(without, alternatives)
             better = finely(alternatives[0].fit, context.parts, FINE_ENOUGH)
-            return exchange(Chain(better, (*rest, instead)), context, last, left | {here})
+            return exchange(Chain(better, (*rest, instead)), context, last, left)
         others = [c for c in alternatives
                   if (c.id, c.placed.port) != (placed.effect.id, placed.port)]
         kept = finding(without, chain.fit, in_place(others), found.index)

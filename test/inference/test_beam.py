@@ -60,7 +60,7 @@ def test_a_dead_zone_and_a_limit_are_found_where_an_offset_was():
     found = widen(offset, base, first(base, context), context)
     assert sorted(p.effect.id for p in found.fit.candidate.effects) == ['dead_zone', 'saturation']
     assert len(found.findings) == 2
-    assert found.fit.error == pytest.approx(NOISE, rel=0.1)
+    assert found.fit.error < 1.25 * NOISE < 0.1 * offset.fit.error
 
 
 @pytest.mark.slow
