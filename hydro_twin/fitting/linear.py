@@ -19,6 +19,7 @@ from hydro_twin.plants import Plant
 from hydro_twin.predictors.scores import rms
 
 SUBSTEPS = 2            # steps in a sample of a search, which the last fits refine
+SHORT, KEPT = 10, 2     # evaluations of the search from each start, and starts that go on
 GIVEN = 4               # steps in a sample with given effects: no search refines them later
 
 
@@ -27,6 +28,7 @@ def fit_linear(plant: Plant, parts: Sequence[Part], constants: Mapping[str, floa
                starts: int = 3, effects: tuple[Placed, ...] = ()) -> Fit:
     """Fit the parameters of the plant from several starts; the best fit is returned.
 
+    All are searched a little, and the better ones to the end (successive halving).
     The starts are the middle of the box, the best of random draws in it, and the best fit by the
     one-step error. A residual that effects have bent leads a single start astray.
 
@@ -60,5 +62,7 @@ def fit_linear(plant: Plant, parts: Sequence[Part], constants: Mapping[str, floa
     by_one_step = [replace(base, values={**base.values, **values})
                    for values in one_step_values(plant, parts, constants, sample_time, seed)]
     tried = [base, *sorted(draws, key=error)[:starts - 1], *sorted(by_one_step, key=error)[:1]]
-    fits = solve_all([Problem(candidate, unknowns, parts) for candidate in tried])
-    return min(fits, key=lambda fit: fit.cost)
+    fits = list(solve_all([Problem(candidate, unknowns, parts) for candidate in tried], SHORT))
+    best = sorted(fits, key=lambda fit: fit.cost)[:KEPT]
+    return min(solve_all([Problem(fit.candidate, unknowns, parts) for fit in best]),
+               key=lambda fit: fit.cost)

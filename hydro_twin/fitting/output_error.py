@@ -5,8 +5,9 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from hydro_twin.fitting.beginnings import find_starts
 from hydro_twin.fitting.parts import Part
-from hydro_twin.fitting.start import find_start, Start, without_start
+from hydro_twin.fitting.start import Start, without_start
 from hydro_twin.model import Model
 from hydro_twin.plants.plant import FloatArray
 from hydro_twin.predictors.scores import rms
@@ -14,17 +15,29 @@ from hydro_twin.predictors.sensitivities import run_with_slopes
 from hydro_twin.predictors.tangents import NONE, Tangent, tangent_of
 
 
-def initial_states(model: Model, parts: Sequence[Part]) -> list[Start]:
-    """Find the state at the start of each part that its first samples show."""
-    system, tangents, found = model.system, start_tangents(model), []
+def initial_states(model: Model, parts: Sequence[Part], near: Sequence[Start] = ()
+                   ) -> list[Start]:
+    """Find the state at the start of each part that its first samples show.
+
+    Args:
+        model: that is run.
+        parts: over which.
+        near: starts of a model that differs little, which are searched anew where they miss much.
+    """
+    system, tangents = model.system, start_tangents(model)
     lengths = [part.beginning(model.start_up) for part in parts]
     response = system.free_response(max(lengths))
-    for part, n in zip(parts, lengths, strict=True):
-        least = max(1e-3 * rms(part.measured), 1e-12)
-        stage = system.stage_at(part.start)
-        found.append(find_start(system.stages[stage], tangents[stage], response[:n],
-                                part.inputs[:n], part.measured[:n], least))
-    return found
+    stages = [system.stage_at(part.start) for part in parts]
+    found: dict[int, Start] = {}
+    for stage in sorted(set(stages)):
+        here = [k for k, other in enumerate(stages) if other == stage]
+        found |= zip(here, find_starts(
+            system.stages[stage], tangents[stage], response,
+            [parts[k].inputs[:lengths[k]] for k in here],
+            [parts[k].measured[:lengths[k]] for k in here],
+            [max(1e-3 * rms(parts[k].measured), 1e-12) for k in here],
+            [near[k] if near else None for k in here]), strict=True)
+    return [found[k] for k in range(len(parts))]
 
 
 def start_tangents(model: Model) -> tuple[Tangent, ...]:

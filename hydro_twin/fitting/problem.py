@@ -4,7 +4,6 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
-from itertools import repeat
 import math
 
 import numpy as np
@@ -20,7 +19,7 @@ from hydro_twin.fitting.unknowns import coordinates_of, get, put, Unknown, usual
 from hydro_twin.model import Model
 from hydro_twin.plants.plant import FloatArray
 from hydro_twin.predictors.scores import rms
-from hydro_twin.predictors.sensitivities import run_all_with_slopes
+from hydro_twin.predictors.sensitivities import run_parts_with_slopes
 from hydro_twin.predictors.system import System
 from hydro_twin.predictors.tangents import Directions, tangents_of
 
@@ -31,6 +30,7 @@ REWEIGHTED = 2          # further searches with new weights; they settle after o
 REBALANCED = 8          # and of sensors with new scales
 SAME_SCALE = 0.02       # change of the logarithm of a scale that hardly moves the fit
 SAME_WEIGHT = 2.0       # ratio of two weights that give nearly the same start
+AS_GOOD = 1.02         # RMS from a start over that predicted: elimination moved it rightly
 SMALL = 0.1             # of the residual: a start that takes off less hardly turns the slopes
 REACH = 1.0             # of a coordinate in one step: a factor of e
 PATIENCE = 5            # evaluations: the radius has shrunk a thousandfold, and no step is better
@@ -48,6 +48,7 @@ class Evaluation:
         weights: of the first samples of each part.
         scales: of output and sensors, (1 + K,).
         pulled: what leaving the usual values costs, to be squared, (2 d,).
+        starts: of the parts, as far as elimination may move them.
         reason: of stopping.
     """
 
@@ -57,6 +58,7 @@ class Evaluation:
     weights: tuple[float, ...]
     scales: FloatArray
     pulled: FloatArray
+    starts: tuple[Start, ...]
     reason: str = ''
 
     @property
@@ -158,13 +160,14 @@ class Problem:
         return by, order
 
     def at(self, coordinates: FloatArray, weights: Sequence[float | None] = (),
-           scales: FloatArray | None = None) -> Evaluation:
+           scales: FloatArray | None = None, near: Sequence[Start] = ()) -> Evaluation:
         """Run over all parts, with derivatives; a run that diverged has a large, finite error.
 
         Args:
             coordinates: of the unknowns, (d,).
             weights: of the first samples of each part, if they are to be kept.
             scales: of output and sensors; None: by how much each moves.
+            near: starts of the parts at other coordinates, which may do here.
         """
         candidate = self.candidate(coordinates)
         system = candidate.system
@@ -173,33 +176,43 @@ class Problem:
         usual, limit = usual_response(candidate), 1e3 * self.size
         scales = self.size / self.pieces.sizes if scales is None else scales
 
-        def run_from(start: Start, part: Part, stack: Stack, weight: float | None) -> Eliminated:
-            y, slopes = run_all_with_slopes(system, by, tangents, part.inputs, start.x, start.z,
-                                            part.start, self.sensors)
+        def run_from(indices: Sequence[int], starts: Sequence[Start],
+                     weights: Sequence[float | None]) -> list[Eliminated]:
+            parts = [self.parts[k] for k in indices]
+            runs = run_parts_with_slopes(
+                system, by, tangents, [part.inputs for part in parts],
+                [start.x for start in starts], [start.z for start in starts],
+                [part.start for part in parts], self.sensors)
+            return [eliminated(self.stacks[k], part, *run, start, weight)
+                    for k, part, run, start, weight in zip(indices, parts, runs, starts, weights,
+                                                           strict=True)]
+
+        def eliminated(stack: Stack, part: Part, y: FloatArray, slopes: FloatArray, start: Start,
+                       weight: float | None) -> Eliminated:
             rows = stack.whitened(stack.pick(slopes, scales), part.filters)
-            others = np.empty((len(rows), by.count))
-            others[:, order] = rows[:, :by.count]
             missed = stack.whitened(
                 np.clip(np.nan_to_num(stack.pick(stack.measured - y, scales), nan=limit),
                         -limit, limit), part.filters)
-            return without_start(missed, rows[:, by.count:], usual, stack.first, others, weight,
-                                 start.room)
+            return without_start(missed, rows[:, by.count:], usual, stack.first,
+                                 rows[:, :by.count], weight, start.room)
 
-        left = []
-        for part, stack, start, weight in zip(
-                self.parts, self.stacks, initial_states(candidate, self.parts),
-                weights or repeat(None), strict=False):
-            run = run_from(start, part, stack, weight)
-            if run.taken > SMALL * rms(run.residual):
-                # The derivatives belong to a run from where elimination moves the start.
-                moved = run_from(start.moved(run.change), part, stack, run.weight)
-                if np.isfinite(moved.slopes).all():
-                    run = run._replace(slopes=moved.slopes)
-            left.append(run)
+        starts = initial_states(candidate, self.parts, near)
+        every = range(len(starts))
+        runs = run_from(every, starts, weights or [None] * len(starts))
+        moved = [k for k in every if runs[k].taken > SMALL * rms(runs[k].residual)]
+        if moved:
+            # The derivatives belong to runs from where elimination moves the starts.
+            there = [starts[k].moved(runs[k].change) for k in moved]
+            again = run_from(moved, there, [runs[k].weight for k in moved])
+            for k, start, run in zip(moved, there, again, strict=True):
+                if np.isfinite(run.slopes).all():
+                    runs[k] = runs[k]._replace(slopes=run.slopes)
+                    if rms(run.residual) < AS_GOOD * rms(runs[k].residual):
+                        starts[k] = start
         return Evaluation(
-            coordinates, np.concatenate([run.residual for run in left]),
-            np.concatenate([run.slopes for run in left]), tuple(run.weight for run in left),
-            scales, self.pull(coordinates))
+            coordinates, np.concatenate([run.residual for run in runs]),
+            np.concatenate([run.slopes for run in runs])[:, np.argsort(order)],
+            tuple(run.weight for run in runs), scales, self.pull(coordinates), tuple(starts))
 
     def bounds(self) -> tuple[FloatArray, FloatArray]:
         """Lower and upper bounds of the coordinates."""
@@ -284,7 +297,7 @@ class Problem:
             if not np.array_equal(coordinates, here.coordinates):
                 if stalled == PATIENCE:
                     raise _StalledError
-                here = self.at(coordinates, weights, scales)
+                here = self.at(coordinates, weights, scales, best.starts)
                 stalled = 0 if here.power < (1.0 - tolerance) * best.power else stalled + 1
                 best = min(here, best, key=lambda evaluation: evaluation.power)
             return here

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
-from itertools import compress, islice, takewhile
+from itertools import islice, takewhile
 import math
 
 import numpy as np
@@ -41,7 +41,7 @@ from hydro_twin.inference.starts import (
 from hydro_twin.model import Model
 from hydro_twin.predictors.scores import rms
 
-LEADING, RACING = 10, 4     # effects that promise most; evaluations from two starts of each
+LEADING, RACING = 6, 4      # effects that promise most; evaluations from two starts of each
 KEPT = 4                # effects that are fitted to convergence
 SHORT, LONG = 10, 40    # evaluations of a search: to compare, to converge
 WITHIN = 3.0            # ratio to the lowest error beyond which no refinement makes up for it
@@ -158,8 +158,9 @@ def race(candidates: Sequence[Model], parts: Sequence[Part],
 
     Successive halving [Jamieson and Talwalkar 2016] by effects and ports: first by what a linear
     step from each candidate would leave; then, after a few evaluations, the better of two
-    candidates goes on. The others stay as they are. What hides may lead only after a search, so it
-    always goes on. The evaluations that only rank take few steps in a sample.
+    candidates goes on, of as many effects again. The others stay as they are. What hides may lead
+    only after a search, so it is always searched a little. The evaluations that only rank take few
+    steps in a sample.
     """
     problems = _problems([replace(candidate, substeps=min(candidate.substeps, SUBSTEPS))
                           for candidate in candidates], parts)
@@ -170,16 +171,16 @@ def race(candidates: Sequence[Model], parts: Sequence[Part],
         progress(f'{last.effect.id} at {last.port.name}')
         promises.append((leaves, problem.fit(here)))
     ranked = at_each_place([fit for _, fit in sorted(promises, key=lambda one: one[0])])
-    goes_on = [rank < LEADING or fits[0].candidate.effects[-1].effect.hides
-               for rank, fits in enumerate(ranked)]
-    two = [fits[:2] for fits in compress(ranked, goes_on)]
+    two = [fits[:2] if rank < LEADING else fits[:1] for rank, fits in enumerate(ranked)
+           if rank < LEADING or fits[0].candidate.effects[-1].effect.hides]
     short = search_all([fit.candidate for fits in two for fit in fits], parts, RACING)
-    better = [best_first(list(islice(short, len(fits))))[0] for fits in two]
+    better = best_first([best_first(list(islice(short, len(fits))))[0] for fits in two])
     substeps = max((candidate.substeps for candidate in candidates), default=SUBSTEPS)
-    further = search_all([replace(fit.candidate, substeps=substeps) for fit in better], parts,
-                         SHORT - RACING)
-    return best_first([*further, *(
-        fits[0] for fits, goes in zip(ranked, goes_on, strict=True) if not goes)])
+    further = search_all([replace(fit.candidate, substeps=substeps) for fit in better[:LEADING]],
+                         parts, SHORT - RACING)
+    searched = {id(fits[0]) for fits in two}
+    return best_first([*further, *better[LEADING:], *(
+        fits[0] for fits in ranked if id(fits[0]) not in searched)])
 
 
 def nothing_shows(base: Fit, prospects: Sequence[Prospect]) -> bool:

@@ -271,10 +271,13 @@ def run(step, x, z, work, inputs, y, seen, first, last):  # type: ignore[no-unty
 
 
 @compiled
-def run_each(step, x, z, work, inputs, y, seen):  # type: ignore[no-untyped-def]
-    """Fill each row of y (K, N) by a run from its own state x[k] and memory z[k]."""
+def run_each(step, x, z, work, inputs, which, y, seen):  # type: ignore[no-untyped-def]
+    """Fill each row of y (K, N) by a run from its own state x[k] and memory z[k].
+
+    Over the inputs of its part, inputs[which[k]].
+    """
     for k in range(len(y)):
-        run(step, x[k], z[k], work, inputs, y[k], seen, 0, len(inputs))
+        run(step, x[k], z[k], work, inputs[which[k]], y[k], seen, 0, y.shape[1])
 
 
 @compiled

@@ -1,18 +1,18 @@
-"""A free run with its derivatives: by parameters, timing, and the state at its start.
+"""Free runs with their derivatives: by parameters, timing, and the state at their start.
 
-The run is that of the kernel, to the last digit.
+The runs are those of the kernel, to the last digit.
 """
 from __future__ import annotations
 
 from collections.abc import Sequence
-import math
+from itertools import groupby, pairwise
 
 import numpy as np
 
 from hydro_twin.compiled import compiled
 from hydro_twin.plants.plant import FloatArray
 from hydro_twin.predictors.kernel import LIMIT
-from hydro_twin.predictors.rows import in_rows
+from hydro_twin.predictors.rows import in_rows, put
 from hydro_twin.predictors.step_derivatives import (
     advance,
     output,
@@ -29,7 +29,7 @@ UNBOUNDED = 1e50        # of a derivative: its products in a fit would overflow
 @compiled
 def run(  # type: ignore[no-untyped-def]
         step, tangent, x, z, work, rows, g, inputs, sensors, y, dy, first, last):
-    """Fill y (1 + K, N) with output and sensors, dy (1 + K, N, D) with their derivatives.
+    """Fill y (N, 1 + K) with output and sensors, dy (N, 1 + K, D) with their derivatives.
 
     At first <= k < last; `sensors` are rows of H, (K,). x, z and rows are those of the sample
     before the first, and are moved. A run that diverges is left at nan from there on, its
@@ -38,13 +38,54 @@ def run(  # type: ignore[no-untyped-def]
     for k in range(first, last):
         if k > 0:
             advance(step, tangent, x, z, work, rows, g, inputs, k)
-        y[0, k] = output(step, tangent, x, z, work, rows, g, inputs, k, dy[0, k])
-        if not abs(y[0, k]) < LIMIT:
-            y[:, k:] = float('nan')
-            dy[:, k:] = 0.0
+        y[k, 0] = output(step, tangent, x, z, work, rows, g, inputs, k, dy[k, 0])
+        if not abs(y[k, 0]) < LIMIT:
+            y[k:] = float('nan')
+            dy[k:] = 0.0
             return
         for q in range(len(sensors)):
-            y[1 + q, k] = read_sensor(step, tangent, sensors[q], x, z, work, rows, dy[1 + q, k])
+            y[k, 1 + q] = read_sensor(step, tangent, sensors[q], x, z, work, rows, dy[k, 1 + q])
+
+
+@compiled
+def run_stretches(  # type: ignore[no-untyped-def]
+        step, tangent, x, z, template, work, rows, g, inputs, sensors, y, dy, stretches):
+    """Do what `run` does for stretches (R, 5) of parts that follow one another in the arrays.
+
+    Of each stretch its part, where that begins and ends, and its first and last sample there. x
+    (P, n) and z (P, memory) of the parts are moved. Derivatives are those of the template at the
+    start of a part, and go on from there within it.
+    """
+    for r in range(len(stretches)):
+        part, begin, end = stretches[r, 0], stretches[r, 1], stretches[r, 2]
+        first, last = stretches[r, 3], stretches[r, 4]
+        if first == 0:
+            for i in range(x.shape[1]):
+                put(rows.X, i, 1.0, template, i)
+            for i in range(z.shape[1]):
+                put(rows.Z, i, 1.0, template, x.shape[1] + i)
+        elif y[begin + first - 1, 0] != y[begin + first - 1, 0]:
+            continue
+        run(step, tangent, x[part], z[part], work, rows, g, inputs[begin:end], sensors,
+            y[begin:end], dy[begin:end], first, last)
+
+
+@compiled
+def bound(dy, edges, limit):  # type: ignore[no-untyped-def]
+    """Set derivatives dy (N, 1 + K, D) to zero in each part, by the columns that grow further."""
+    for part in range(len(edges) - 1):
+        begin, end = edges[part], edges[part + 1]
+        for column in range(dy.shape[2]):
+            largest = 0.0
+            for k in range(begin, end):
+                for q in range(dy.shape[1]):
+                    size = abs(dy[k, q, column])
+                    if not size < limit:
+                        largest = limit
+            if largest == limit:
+                for k in range(begin, end):
+                    for q in range(dy.shape[1]):
+                        dy[k, q, column] = 0.0
 
 
 def run_with_slopes(system: System, by: Directions, tangents: Sequence[Tangent],
@@ -59,43 +100,55 @@ def run_all_with_slopes(
     system: System, by: Directions, tangents: Sequence[Tangent], inputs: FloatArray,
     x: FloatArray, z: FloatArray, start: int | None = None, sensors: Sequence[str] = (),
 ) -> tuple[FloatArray, FloatArray]:
-    """Run freely from state x (n,) and memory z, with derivatives.
+    """Run freely over one part, as `run_parts_with_slopes`."""
+    one, = run_parts_with_slopes(system, by, tangents, [inputs], [x], [z], [start], sensors)
+    return one
+
+
+def run_parts_with_slopes(
+    system: System, by: Directions, tangents: Sequence[Tangent], inputs: Sequence[FloatArray],
+    x: Sequence[FloatArray], z: Sequence[FloatArray], starts: Sequence[int | None],
+    sensors: Sequence[str] = (),
+) -> list[tuple[FloatArray, FloatArray]]:
+    """Run freely over parts, each from its state and memory, with derivatives.
 
     Args:
         system: what is run.
         by: the unknowns.
         tangents: of each of its stages by these and by the state at the start, see `tangent_of`.
-        inputs: (N, m).
-        x: the state at the start, (n,).
+        inputs: of each part, (N, m).
+        x: the state at the start of each, (n,).
         z: what the effects keep there, (memory,).
-        start: stamp of the first sample [ns]; None stands for now.
+        starts: stamp of the first sample of each [ns]; None stands for now.
         sensors: names of K that are wanted beside the output.
 
     Returns:
-        Output and sensors, (1 + K, N), and their derivatives, (1 + K, N, D): by the unknowns, by x
-        and by z. Zero for what does not last, and for what grows without bound, as under laws
-        that are not stable.
+        Of each part output and sensors, (1 + K, N), and their derivatives, (1 + K, N, D): by the
+        unknowns, by x and by z. Zero for what does not last, and for what grows without bound, as
+        under laws that are not stable.
     """
-    n, kept = len(x), lasting(system)
+    n, kept = len(x[0]), lasting(system)
     columns = np.zeros((n + system.memory, by.count + n + len(kept)))
     columns[:n, by.count:by.count + n] = np.eye(n)
     columns[n + kept, by.count + n:] = np.eye(len(kept))
-    blocks = in_rows(columns)
-    rows = rows_for(system, blocks.shape[1])
-    rows.X[:], rows.Z[:] = blocks[:n], blocks[n:]
-    g = partials(system)
-    outputs, N = 1 + len(sensors), len(inputs)
-    y, dy = np.empty((outputs, N)), np.empty((outputs, N, columns.shape[1]))
-    x, z, stages, read = x.copy(), z.copy(), system.stages, system.sensor_rows(sensors)
-    for k, first, last in system.stretches(len(inputs), start):
-        run(stages[k].step, tangents[k], x, z, system.work(), rows, g, inputs, read, y, dy, first,
-            last)
-        if math.isnan(y[0, last - 1]):
-            break
-    dy[..., ~(np.abs(dy).max(axis=(0, 1)) < UNBOUNDED)] = 0.0
-    if len(kept) == system.memory:
-        return y, dy
-    slopes = np.zeros((outputs, N, by.count + n + system.memory))
-    slopes[..., :by.count + n] = dy[..., :by.count + n]
-    slopes[..., by.count + n + kept] = dy[..., by.count + n:]
-    return y, slopes
+    template = in_rows(columns)
+    edges = np.cumsum([0, *map(len, inputs)])
+    every, read = np.concatenate(inputs), system.sensor_rows(sensors)
+    y, dy = np.empty((edges[-1], 1 + len(read))), np.empty(
+        (edges[-1], 1 + len(read), columns.shape[1]))
+    states, memories = np.array(x), np.array(z)
+    rows, g, work = rows_for(system, template.shape[1]), partials(system), system.work()
+    stages, parts = system.stages, list(pairwise(edges.tolist()))
+    stretches = [(k, part, begin, end, first, last)
+                 for part, ((begin, end), start) in enumerate(zip(parts, starts, strict=True))
+                 for k, first, last in system.stretches(end - begin, start)]
+    for k, some in groupby(stretches, key=lambda stretch: stretch[0]):
+        run_stretches(stages[k].step, tangents[k], states, memories, template, work, rows, g,
+                      every, read, y, dy, np.array([one[1:] for one in some]))
+    bound(dy, edges, UNBOUNDED)
+    if len(kept) < system.memory:
+        slopes = np.zeros((*dy.shape[:2], by.count + n + system.memory))
+        slopes[..., :by.count + n] = dy[..., :by.count + n]
+        slopes[..., by.count + n + kept] = dy[..., by.count + n:]
+        dy = slopes
+    return [(y[begin:end].T, dy[begin:end].transpose(1, 0, 2)) for begin, end in parts]

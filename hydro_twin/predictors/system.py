@@ -158,16 +158,21 @@ class System:
         known = [sensor.name for sensor in self.plant.sensors]
         return np.array([self.step.sensors + known.index(name) for name in names], dtype=np.int64)
 
-    def run_each(self, inputs: FloatArray, starts: FloatArray) -> FloatArray:
+    def run_each(self, inputs: FloatArray, which: IntArray, starts: FloatArray) -> FloatArray:
         """Run freely from each of K starts, state and memory side by side, (K, n + memory).
+
+        Args:
+            inputs: of several parts, (P, N, m).
+            which: the part that each start belongs to, (K,).
+            starts: the states.
 
         Returns:
             The outputs, (K, N).
         """
         n = len(self.laws.A)
-        y = np.empty((len(starts), len(inputs)))
+        y = np.empty((len(starts), inputs.shape[1]))
         kernel.run_each(self.step, starts[:, :n].copy(), starts[:, n:].copy(), self.work(), inputs,
-                        y, np.empty((0, 0)))
+                        which, y, np.empty((0, 0)))
         return y
 
     def kept(self, inputs: FloatArray, x: FloatArray) -> FloatArray:
