@@ -183,7 +183,8 @@ def without_last(base: Fit, better: Fit, parts: Sequence[Part]) -> Fit:
 
     The gain of a longer search must not be credited to the effect.
     """
-    return min(base, search(better.candidate.without(-1), parts, 40), key=lambda fit: fit.cost)
+    bare = search(better.candidate.without(-1), parts, 40, better.starts)
+    return min(base, bare, key=lambda fit: fit.cost)
 
 
 def likely(before: Fit, after: Fit, worth: float) -> bool:
@@ -349,7 +350,7 @@ def finely(fit: Fit, parts: Sequence[Part], finest: int) -> Fit:
         if change < FINE * fit.error:
             break
         candidate = finer
-    return fit if candidate is fit.candidate else search(candidate, parts, 40)
+    return fit if candidate is fit.candidate else search(candidate, parts, 40, fit.starts)
 
 
 def exchange(chain: Chain, context: Context, last: bool = False,

@@ -135,6 +135,7 @@ def _grown(base: Fit, context: Context, known: Sequence[Model]
 def _supported(chain: Chain, base: Fit, context: Context) -> Chain:
     """Fit a chain with steps that are fine enough, and drop what explains too little."""
     if chain.findings:
-        better = search(finely(chain.fit, context.parts, FINEST).candidate, context.parts, 60)
+        fine = finely(chain.fit, context.parts, FINEST)
+        better = search(fine.candidate, context.parts, 60, fine.starts)
         chain = supported(replace(chain, fit=better), base, context)
     return chain if chain.findings else Chain(base)
