@@ -74,6 +74,30 @@ def test_a_cut_through_the_motion(effect):
     assert np.quantile(missed, 0.9) < 0.002
 
 
+def test_the_starts_of_parts_are_those_of_each_by_itself():
+    """They are searched together, whatever their lengths, and which of them need a search."""
+    candidate, recorded = shaft('backlash', 'coupling', {'gap': 3e-3})
+    parts = [part for begin, length in ((100, 150), (1203, 400), (2306, 110))
+             for part in parts_of(Recording((recorded.part(begin, begin + length),)),
+                                  candidate.plant)]
+    together = initial_states(candidate, parts)
+    for part, start in zip(parts, together, strict=True):
+        alone, = initial_states(candidate, [part])
+        assert start.x == pytest.approx(alone.x, rel=1e-9, abs=1e-300)
+        assert start.z == pytest.approx(alone.z, rel=1e-9, abs=1e-300)
+
+
+def test_a_start_that_still_does_is_kept_and_another_is_searched_anew():
+    candidate = axis(('friction', 'motor', {'coulomb': 20.0}))
+    part = run_from(candidate, [0.1, 0.2])
+    found = initial_states(candidate, [part])
+    kept, = initial_states(candidate, [part], found)
+    assert (kept.x == found[0].x).all()
+    far = [found[0]._replace(x=found[0].x + [0.0, 0.1], missed=1e-9)]
+    anew, = initial_states(candidate, [part], far)
+    assert anew.x == pytest.approx(found[0].x, rel=1e-6)
+
+
 def test_within_a_gap_the_start_is_told_by_the_side_that_is_met():
     """A tenth of a second at rest in the gap shows nothing of where in it."""
     candidate, recorded = shaft('backlash', 'coupling', {'gap': 3e-3})

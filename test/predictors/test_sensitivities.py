@@ -13,11 +13,15 @@ from hydro_twin.fitting.parts import Part
 from hydro_twin.fitting.problem import Problem
 from hydro_twin.fitting.unknowns import effect_unknowns, get, plant_unknowns, timing_unknowns
 from hydro_twin.inference.screen import spans
-from hydro_twin.model import Model
+from hydro_twin.model import Model, place
 from hydro_twin.plants import PLANTS
-from hydro_twin.predictors.sensitivities import run_all_with_slopes, run_with_slopes
+from hydro_twin.predictors.sensitivities import (
+    run_all_with_slopes,
+    run_parts_with_slopes,
+    run_with_slopes,
+)
 from hydro_twin.predictors.system import assemble
-from hydro_twin.predictors.tangents import Directions, tangent_of
+from hydro_twin.predictors.tangents import Directions, tangent_of, tangents_of
 
 SAMPLES = 120
 EVERYWHERE = [(plant, effect, port) for plant in PLANTS.values() for effect in EFFECTS
@@ -170,3 +174,29 @@ def test_derivatives_that_grow_without_bound_are_left_out():
                                 np.zeros(plant.order), np.zeros(0))
     assert not y.any()
     assert not slopes.any()
+
+
+@pytest.mark.parametrize('effects', [
+    [('friction', 'motor', {'coulomb': 5.0})],
+    [('backlash', 'coupling', {'gap': 1e-3})],
+    [('drift', 'K_q', {'rate': -0.5, 'begin': 0.0, 'end': 0.6})]])
+def test_parts_run_together_as_each_by_itself(effects):
+    """Parts of any length, one of which diverges, and which begin at any stage of a drift."""
+    plant = PLANTS['load_simulator']
+    system = Model(plant, middle(plant), plant.sample_time,
+                   tuple(place(*effect, plant) for effect in effects)).system
+    by = Directions([('J', middle(plant)['J'])])
+    tangents = tangents_of(system, lambda _: by)
+    inputs = [moved(plant)[:80], 1e30 * moved(plant)[:50], moved(plant)]
+    rng = np.random.default_rng(2)
+    x = [1e-3 * rng.standard_normal(plant.order) for _ in inputs]
+    z = [1e-4 * rng.standard_normal(system.memory) for _ in inputs]
+    starts = [0, 300_000_000, None]
+    together = run_parts_with_slopes(system, by, tangents, inputs, x, z, starts, ['p_L'])
+    for k, (y, slopes) in enumerate(together):
+        alone = run_all_with_slopes(system, by, tangents, inputs[k], x[k], z[k], starts[k],
+                                    ['p_L'])
+        np.testing.assert_array_equal(y, alone[0])
+        np.testing.assert_array_equal(slopes, alone[1])
+    assert np.isnan(together[1][0][0, -1])
+    assert np.isfinite(together[2][0]).all()
