@@ -43,7 +43,6 @@ from hydro_twin.model import Model
 from hydro_twin.predictors.scores import rms
 
 LEADING, RACING = 6, 4      # effects that promise most; evaluations from two starts of each
-FORMS = 2               # forms of a law that are searched on
 KEPT = 4                # effects that are fitted to convergence
 SHORT, LONG = 10, 40    # evaluations of a search: to compare, to converge
 WITHIN = 3.0            # ratio to the lowest error beyond which no refinement makes up for it
@@ -300,9 +299,12 @@ def refine(fits: Sequence[Fit], parts: Sequence[Part], index: int = -1) -> list[
     in one batch.
     """
     formed = [_forms(fit, parts, index) for fit in fits]
+    short = search_all([form for forms in formed for form in forms], parts, SHORT,
+                       [fit.starts for fit, forms in zip(fits, formed, strict=True)
+                        for _ in forms])
     simple, chosen = [], []
-    for fit, forms in zip(fits, _raced(fits, formed, parts), strict=True):
-        tried = [fit, *forms]
+    for fit, forms in zip(fits, formed, strict=True):
+        tried = [fit, *islice(short, len(forms))]
         simplest = tried[int(bool(forms) and _is_refined(fit, index))]
         gains = [refinement_gain(simplest, form) for form in tried]
         better = [tried[k] for k in np.argsort(gains)[::-1] if not gains[k] < CLEARLY]
@@ -315,32 +317,6 @@ def refine(fits: Sequence[Fit], parts: Sequence[Part], index: int = -1) -> list[
                for best, fit in zip(chosen, fits, strict=True)]
     return [form if form is fit or is_distinguishable(form, parts, index) else plain
             for form, fit, plain in zip(refined, fits, simple, strict=True)]
-
-
-def _raced(fits: Sequence[Fit], formed: Sequence[Sequence[Model]], parts: Sequence[Part]
-           ) -> Iterator[list[Fit]]:
-    """Search from other forms of some fits for a few evaluations, the better ones for more.
-
-    Args:
-        fits: to the parts.
-        formed: forms of each; the first may be the simple law, which always goes on.
-        parts: the data to fit.
-
-    Yields:
-        The fits of the forms of each, in their order.
-    """
-    short = search_all([form for forms in formed for form in forms], parts, RACING,
-                       [fit.starts for fit, forms in zip(fits, formed, strict=True)
-                        for _ in forms])
-    raced = [list(islice(short, len(forms))) for forms in formed]
-    better = [{0, *sorted(range(len(some)), key=lambda k: some[k].cost)[:FORMS]} if some else set()
-              for some in raced]
-    further = search_on([some[k] for some, good in zip(raced, better, strict=True)
-                         for k in sorted(good)], parts, SHORT - RACING)
-    for some, good in zip(raced, better, strict=True):
-        for k in sorted(good):
-            some[k] = next(further)
-        yield some
 
 
 def _is_refined(fit: Fit, index: int) -> bool:
