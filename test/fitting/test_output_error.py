@@ -93,7 +93,7 @@ def test_a_start_that_still_does_is_kept_and_another_is_searched_anew():
     found = initial_states(candidate, [part])
     kept, = initial_states(candidate, [part], found)
     assert (kept.x == found[0].x).all()
-    far = [found[0]._replace(x=found[0].x + [0.0, 0.1], missed=1e-9)]
+    far = [found[0]._replace(x=np.add(found[0].x, [0.0, 0.1]), missed=1e-9)]
     anew, = initial_states(candidate, [part], far)
     assert anew.x == pytest.approx(found[0].x, rel=1e-6)
 
