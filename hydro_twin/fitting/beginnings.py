@@ -62,9 +62,8 @@ def _near(system: System, inputs: Sequence[FloatArray], measured: Sequence[Float
           sizes: FloatArray, near: Sequence[Start | None]) -> Iterator[tuple[int, Start]]:
     """Yield the starts that do here, and of which part each is."""
     for k, start in enumerate(near):
-        if start is not None:
-            z = start.z if len(start.z) == system.memory else np.zeros(system.memory)
-            here = _within_edges(system, inputs[k], measured[k], start.x, z)
+        if start is not None and len(start.z) == system.memory:
+            here = _within_edges(system, inputs[k], measured[k], start.x, start.z)
             if here.missed < max(NO_WORSE * start.missed, NEAR * sizes[k]):
                 yield k, here
 

@@ -7,7 +7,6 @@ import math
 import numpy as np
 
 from hydro_twin.fitting.identifiability import assess, Identifiability
-from hydro_twin.fitting.start import Start
 from hydro_twin.fitting.unknowns import get, label, Unknown
 from hydro_twin.model import Model
 from hydro_twin.plants.plant import FloatArray
@@ -28,7 +27,6 @@ class Fit:
         outputs: which output each piece is of: 0, or one more than the index of the sensor.
         sensors: names of those that were fitted.
         scales: by which the residual of output and sensors was multiplied, (1 + K,).
-        starts: from which the runs over the parts begin.
         whitened: residual and derivative as they were fitted, where that was by the likelihood of
             coloured noise; None where the noise was taken as white.
     """
@@ -43,7 +41,6 @@ class Fit:
     sensors: tuple[str, ...] = ()
     scales: FloatArray = field(default_factory=lambda: np.ones(1))
     whitened: tuple[FloatArray, FloatArray] | None = None
-    starts: tuple[Start, ...] = ()
 
     @property
     def main(self) -> Fit:

@@ -64,5 +64,5 @@ def fit_linear(plant: Plant, parts: Sequence[Part], constants: Mapping[str, floa
     tried = [base, *sorted(draws, key=error)[:starts - 1], *sorted(by_one_step, key=error)[:1]]
     fits = list(solve_all([Problem(candidate, unknowns, parts) for candidate in tried], SHORT))
     best = sorted(fits, key=lambda fit: fit.cost)[:KEPT]
-    return min(solve_all([Problem(fit.candidate, unknowns, parts, fit.starts) for fit in best]),
+    return min(solve_all([Problem(fit.candidate, unknowns, parts) for fit in best]),
                key=lambda fit: fit.cost)

@@ -85,12 +85,10 @@ class Problem:
         base: from where the search begins.
         unknowns: what is searched.
         parts: what is fitted.
-        near: starts of the parts under a like model, from which to begin; or none.
     """
 
-    def __init__(self, base: Model, unknowns: Sequence[Unknown], parts: Sequence[Part],
-                 near: Sequence[Start] = ()) -> None:
-        self.base, self.near = base, near
+    def __init__(self, base: Model, unknowns: Sequence[Unknown], parts: Sequence[Part]) -> None:
+        self.base = base
         self.unknowns = tuple(unknowns)
         self.parts = parts
         self.sensors = sensors_in(parts, base.plant, base.start_up)
@@ -233,9 +231,8 @@ class Problem:
         # nothing, as where a command acts a whole sample early.
         hair = INSIDE * np.maximum(1.0, np.abs(begin))
         begin = np.clip(begin, lower + hair, upper - hair)
-        here = self.at(begin, near=self.near)
-        return (self.at(begin, scales=self.balanced(here), near=here.starts) if self.sensors else
-                here)
+        here = self.at(begin)
+        return self.at(begin, scales=self.balanced(here)) if self.sensors else here
 
     def as_it_is(self) -> Fit:
         """Take the base without a search."""
@@ -276,7 +273,7 @@ class Problem:
         for _ in range(REBALANCED if self.sensors else REWEIGHTED):
             if found.reason != CONVERGED:
                 break
-            now = self.at(found.coordinates, scales=self.balanced(found), near=found.starts)
+            now = self.at(found.coordinates, scales=self.balanced(found))
             if all(max(a, b) < SAME_WEIGHT * min(a, b)
                    for a, b in zip(found.weights, now.weights, strict=True)
                    ) and np.abs(np.log(now.scales / found.scales)).max() < SAME_SCALE:
@@ -322,7 +319,7 @@ class Problem:
     def fit(self, found: Evaluation) -> Fit:
         """Take what a search has found, with the scales that its residual asks for."""
         fit = Fit(self.candidate(found.coordinates), self.unknowns, found.residual, found.slopes,
-                  self.lengths, float(found.pulled @ found.pulled), starts=found.starts)
+                  self.lengths, float(found.pulled @ found.pulled))
         if not self.sensors:
             return fit
         scales = self.balanced(found)

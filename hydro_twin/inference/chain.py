@@ -183,8 +183,7 @@ def without_last(base: Fit, better: Fit, parts: Sequence[Part]) -> Fit:
 
     The gain of a longer search must not be credited to the effect.
     """
-    bare = search(better.candidate.without(-1), parts, 40, better.starts)
-    return min(base, bare, key=lambda fit: fit.cost)
+    return min(base, search(better.candidate.without(-1), parts, 40), key=lambda fit: fit.cost)
 
 
 def likely(before: Fit, after: Fit, worth: float) -> bool:
@@ -350,7 +349,7 @@ def finely(fit: Fit, parts: Sequence[Part], finest: int) -> Fit:
         if change < FINE * fit.error:
             break
         candidate = finer
-    return fit if candidate is fit.candidate else search(candidate, parts, 40, fit.starts)
+    return fit if candidate is fit.candidate else search(candidate, parts, 40)
 
 
 def exchange(chain: Chain, context: Context, last: bool = False,

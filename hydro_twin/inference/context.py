@@ -3,7 +3,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, field, replace
-from itertools import chain, islice
+from itertools import islice
 import math
 
 from hydro_twin.effects import Placed
@@ -64,14 +64,13 @@ class Context:
         starts = []
         for index in indices:
             bare = fit.candidate.without(index)
-            starts.append([(bare, fit.starts)])
+            starts.append([bare])
             if known := self.fits.get(effects_of(bare)):
                 placed = {_name(p): p for p in known.candidate.effects}
-                starts[-1].append((replace(
+                starts[-1].append(replace(
                     known.candidate, substeps=bare.substeps,
-                    effects=tuple(placed[_name(p)] for p in bare.effects)), known.starts))
-        candidates, near = zip(*chain.from_iterable(starts), strict=True) if starts else ((), ())
-        fits = search_all(candidates, self.parts, 40, near)
+                    effects=tuple(placed[_name(p)] for p in bare.effects)))
+        fits = search_all([start for some in starts for start in some], self.parts, 40)
         best = [min(islice(fits, len(some)), key=lambda fit: fit.cost) for some in starts]
         for fit in best:
             self.remember(fit)

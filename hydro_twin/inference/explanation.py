@@ -75,7 +75,7 @@ def _by_likelihood(base: Fit, chain: Chain, context: Context) -> Explanation | N
 
     Returns:
         What is found now; None where that is the same effects, or not surely better on held-out
-        data by this likelihood, or surely worse by the run itself.
+        data by this likelihood, or no better by the run itself.
     """
     parts, given = context.parts, base.candidate.effects
     white = replace(context, parts=whitened(parts, chain.fit),
@@ -104,7 +104,7 @@ def _by_likelihood(base: Fit, chain: Chain, context: Context) -> Explanation | N
                      Explanation(base, named or again, None, None))
     # Innovations may be explained at the cost of the run, where no laws are exactly right.
     helps = proof(chain.fit, explained.fit, context.held_out, context.seed)
-    return explained if helps.high > 0.0 else None
+    return explained if helps.relative > 0.0 else None
 
 
 def _ids(fit: Fit) -> list[str]:
@@ -135,7 +135,6 @@ def _grown(base: Fit, context: Context, known: Sequence[Model]
 def _supported(chain: Chain, base: Fit, context: Context) -> Chain:
     """Fit a chain with steps that are fine enough, and drop what explains too little."""
     if chain.findings:
-        fine = finely(chain.fit, context.parts, FINEST)
-        better = search(fine.candidate, context.parts, 60, fine.starts)
+        better = search(finely(chain.fit, context.parts, FINEST).candidate, context.parts, 60)
         chain = supported(replace(chain, fit=better), base, context)
     return chain if chain.findings else Chain(base)

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
-from itertools import islice, repeat, takewhile
+from itertools import islice, takewhile
 import math
 
 import numpy as np
@@ -20,7 +20,6 @@ from hydro_twin.fitting.output_error import residuals
 from hydro_twin.fitting.parallel import in_processes
 from hydro_twin.fitting.parts import Part
 from hydro_twin.fitting.problem import Problem, solve_all
-from hydro_twin.fitting.start import Start
 from hydro_twin.fitting.unknowns import (
     effect_unknowns,
     plant_unknowns,
@@ -67,31 +66,18 @@ class Alternative:
         return self.placed.effect.id
 
 
-def search(candidate: Model, parts: Sequence[Part], evaluations: int,
-           near: Sequence[Start] = ()) -> Fit:
+def search(candidate: Model, parts: Sequence[Part], evaluations: int) -> Fit:
     """Fit all physical parameters, timing and effects of a candidate from its present values.
 
     Effects beside which a free curve was added are held, since the curve can imitate them.
-
-    Args:
-        candidate: from where the search begins.
-        parts: the data to fit.
-        evaluations: most runs over the parts.
-        near: starts of the parts under a like model, see `Problem`.
     """
-    return next(search_all([candidate], parts, evaluations, [near]))
+    return next(search_all([candidate], parts, evaluations))
 
 
-def search_all(candidates: Sequence[Model], parts: Sequence[Part], evaluations: int,
-               near: Sequence[Sequence[Start]] = ()) -> Iterator[Fit]:
-    """Fit several, on all cores, and yield the fits in their order; `near` is of each."""
-    return solve_all(_problems(candidates, parts, near), evaluations, 1e-5)
-
-
-def search_on(fits: Sequence[Fit], parts: Sequence[Part], evaluations: int) -> Iterator[Fit]:
-    """Go on with the searches that some fits to the parts came of."""
-    return search_all([fit.candidate for fit in fits], parts, evaluations,
-                      [fit.starts for fit in fits])
+def search_all(candidates: Sequence[Model], parts: Sequence[Part], evaluations: int
+               ) -> Iterator[Fit]:
+    """Fit several, on all cores, and yield the fits in their order."""
+    return solve_all(_problems(candidates, parts), evaluations, 1e-5)
 
 
 def unsearched(candidate: Model, parts: Sequence[Part]) -> Fit:
@@ -99,11 +85,9 @@ def unsearched(candidate: Model, parts: Sequence[Part]) -> Fit:
     return _problems([candidate], parts)[0].as_it_is()
 
 
-def _problems(candidates: Sequence[Model], parts: Sequence[Part],
-              near: Sequence[Sequence[Start]] = ()) -> list[Problem]:
+def _problems(candidates: Sequence[Model], parts: Sequence[Part]) -> list[Problem]:
     """Set up the fit of each candidate."""
-    return [Problem(candidate, searched(candidate), parts, starts) for candidate, starts in
-            zip(candidates, near or repeat(()), strict=False)]
+    return [Problem(candidate, searched(candidate), parts) for candidate in candidates]
 
 
 def searched(candidate: Model) -> list[Unknown]:
@@ -154,7 +138,7 @@ def fit_alternatives(base: Fit, parts: Sequence[Part], times: tuple[float, float
     if afresh:
         plain += nearest(linear_starts(base.candidate, parts), parts)
     tried = [one for one in (*plain, *near) if _can_show(one, parts)]
-    return finish(base, race(tried, parts, progress, base.starts), parts, most_error)
+    return finish(base, race(tried, parts, progress), parts, most_error)
 
 
 def _can_show(candidate: Model, parts: Sequence[Part]) -> bool:
@@ -169,7 +153,7 @@ def _can_show(candidate: Model, parts: Sequence[Part]) -> bool:
 
 
 def race(candidates: Sequence[Model], parts: Sequence[Part],
-         progress: Callable[[str], None], near: Sequence[Start] = ()) -> list[Fit]:
+         progress: Callable[[str], None]) -> list[Fit]:
     """Search for a few evaluations from the candidates that promise most; best first.
 
     Successive halving [Jamieson and Talwalkar 2016] by effects and ports: first by what a linear
@@ -179,7 +163,7 @@ def race(candidates: Sequence[Model], parts: Sequence[Part],
     steps in a sample.
     """
     problems = _problems([replace(candidate, substeps=min(candidate.substeps, SUBSTEPS))
-                          for candidate in candidates], parts, [near] * len(candidates))
+                          for candidate in candidates], parts)
     promises = []
     for problem, (here, leaves) in zip(problems, in_processes(Problem.linear_prediction, problems),
                                        strict=True):
@@ -189,11 +173,11 @@ def race(candidates: Sequence[Model], parts: Sequence[Part],
     ranked = at_each_place([fit for _, fit in sorted(promises, key=lambda one: one[0])])
     two = [fits[:2] if rank < LEADING else fits[:1] for rank, fits in enumerate(ranked)
            if rank < LEADING or fits[0].candidate.effects[-1].effect.hides]
-    short = search_on([fit for fits in two for fit in fits], parts, RACING)
+    short = search_all([fit.candidate for fits in two for fit in fits], parts, RACING)
     better = best_first([best_first(list(islice(short, len(fits))))[0] for fits in two])
     substeps = max((candidate.substeps for candidate in candidates), default=SUBSTEPS)
-    further = search_on([replace(fit, candidate=replace(fit.candidate, substeps=substeps))
-                         for fit in better[:LEADING]], parts, SHORT - RACING)
+    further = search_all([replace(fit.candidate, substeps=substeps) for fit in better[:LEADING]],
+                         parts, SHORT - RACING)
     searched = {id(fits[0]) for fits in two}
     return best_first([*further, *better[LEADING:], *(
         fits[0] for fits in ranked if id(fits[0]) not in searched)])
@@ -225,14 +209,14 @@ def finish(base: Fit, ranked: Sequence[Fit], parts: Sequence[Part],
     """
     most_error = min(most_error, HOPELESS * ranked[0].error)
     kept = list(takewhile(lambda fit: fit.error <= most_error, ranked[:KEPT]))
-    longer = list(search_on(kept, parts, LONG))
+    longer = list(search_all([fit.candidate for fit in kept], parts, LONG))
     near = WITHIN * min((fit.error for fit in longer), default=0.0)
     done = refine([fit for fit in longer if fit.error <= near], parts)
     done += [fit for fit in longer if fit.error > near]
     for best in best_at_each_place(done)[:1]:
         moved = relocated(best.candidate, parts)
         moved += [replace(base.candidate, effects=there.effects) for there in moved]
-        done += search_all(moved, parts, LONG, [best.starts] * len(moved))
+        done += search_all(moved, parts, LONG)
     fits = [fit for fit in best_at_each_place([*done, *ranked[len(kept):]])
             if is_distinguishable(fit, parts)]
     if fits and _drifts(fits[0]) and not _goes_with_time(fits[0], parts):
@@ -299,9 +283,7 @@ def refine(fits: Sequence[Fit], parts: Sequence[Part], index: int = -1) -> list[
     in one batch.
     """
     formed = [_forms(fit, parts, index) for fit in fits]
-    short = search_all([form for forms in formed for form in forms], parts, SHORT,
-                       [fit.starts for fit, forms in zip(fits, formed, strict=True)
-                        for _ in forms])
+    short = search_all([form for forms in formed for form in forms], parts, SHORT)
     simple, chosen = [], []
     for fit, forms in zip(fits, formed, strict=True):
         tried = [fit, *islice(short, len(forms))]
@@ -311,8 +293,8 @@ def refine(fits: Sequence[Fit], parts: Sequence[Part], index: int = -1) -> list[
         simple.append(simplest)
         chosen.append(next((form for form in better
                             if is_distinguishable(form, parts, index)), simplest))
-    long = search_on([best for best, fit in zip(chosen, fits, strict=True) if best is not fit],
-                     parts, LONG)
+    long = search_all([best.candidate for best, fit in zip(chosen, fits, strict=True)
+                       if best is not fit], parts, LONG)
     refined = [fit if best is fit else next(long)
                for best, fit in zip(chosen, fits, strict=True)]
     return [form if form is fit or is_distinguishable(form, parts, index) else plain
