@@ -74,8 +74,8 @@ def _by_likelihood(base: Fit, chain: Chain, context: Context) -> Explanation | N
         context: the data.
 
     Returns:
-        What is found now; None where that is the same effects, or not surely better on held-out
-        data by this likelihood, or no better by the run itself.
+        What is found now; None where that is the same effects, but for linear dynamics, or not
+        surely better on held-out data by this likelihood, or no better by the run itself.
     """
     parts, given = context.parts, base.candidate.effects
     white = replace(context, parts=whitened(parts, chain.fit),
@@ -108,8 +108,12 @@ def _by_likelihood(base: Fit, chain: Chain, context: Context) -> Explanation | N
 
 
 def _ids(fit: Fit) -> list[str]:
-    """Name the effects of a model, at whatever ports."""
-    return sorted(placed.effect.id for placed in fit.candidate.effects)
+    """Name the effects of a model, at whatever ports, but for linear dynamics.
+
+    Innovations show a lag or a mode best, and the run hardly.
+    """
+    return sorted(placed.effect.id for placed in fit.candidate.effects
+                  if not placed.effect.dynamic)
 
 
 def _as_measured(chain: Chain, parts: Sequence[Part]) -> Chain:
