@@ -28,9 +28,9 @@ def fit_linear(plant: Plant, parts: Sequence[Part], constants: Mapping[str, floa
                starts: int = 3, effects: tuple[Placed, ...] = ()) -> Fit:
     """Fit the parameters of the plant from several starts; the best fit is returned.
 
-    All are searched a little, and the better ones to the end (successive halving).
     The starts are the middle of the box, the best of random draws in it, and the best fit by the
-    one-step error. A residual that effects have bent leads a single start astray.
+    one-step error. A residual that effects have bent leads a single start astray. All are searched
+    a little, and the better ones to the end (successive halving).
 
     Args:
         plant: the plant.
