@@ -115,14 +115,12 @@ class _Search:
         columns = self.search(self.every, np.arange(self.scale.shape[1]) < self.n)
         lengths = self.own.sum(axis=1)
         far = np.flatnonzero(self.power > (NEAR * self.sizes) ** 2 * lengths)
-        before = self.state.copy(), self.missed.copy(), self.power.copy()
+        before, power = self.state.copy(), self.power.copy()
         nearer = np.array([k for k in far.tolist() if self.other_side(k, columns[k])],
                           dtype=np.int64)
         self.search(nearer, np.ones(self.scale.shape[1], dtype=bool))
-        back = nearer[~(self.power[nearer] < MOVES * before[2][nearer])]
-        others = np.setdiff1d(far, nearer)
-        for now, then in zip((self.state, self.missed, self.power), before, strict=True):
-            now[back], now[others] = then[back], then[others]
+        back = nearer[~(self.power[nearer] < MOVES * power[nearer])]
+        self.state[back] = before[back]
         return self.state
 
     def at(self, states: FloatArray, parts: IntArray) -> tuple[FloatArray, FloatArray]:

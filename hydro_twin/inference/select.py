@@ -171,16 +171,16 @@ def race(candidates: Sequence[Model], parts: Sequence[Part],
         progress(f'{last.effect.id} at {last.port.name}')
         promises.append((leaves, problem.fit(here)))
     ranked = at_each_place([fit for _, fit in sorted(promises, key=lambda one: one[0])])
-    two = [fits[:2] if rank < LEADING else fits[:1] for rank, fits in enumerate(ranked)
-           if rank < LEADING or fits[0].candidate.effects[-1].effect.hides]
+    starts = [2 if rank < LEADING else int(fits[0].candidate.effects[-1].effect.hides)
+              for rank, fits in enumerate(ranked)]
+    two = [fits[:count] for fits, count in zip(ranked, starts, strict=True) if count]
     short = search_all([fit.candidate for fits in two for fit in fits], parts, RACING)
     better = best_first([best_first(list(islice(short, len(fits))))[0] for fits in two])
     substeps = max((candidate.substeps for candidate in candidates), default=SUBSTEPS)
     further = search_all([replace(fit.candidate, substeps=substeps) for fit in better[:LEADING]],
                          parts, SHORT - RACING)
-    searched = {id(fits[0]) for fits in two}
     return best_first([*further, *better[LEADING:], *(
-        fits[0] for fits in ranked if id(fits[0]) not in searched)])
+        fits[0] for fits, count in zip(ranked, starts, strict=True) if not count)])
 
 
 def nothing_shows(base: Fit, prospects: Sequence[Prospect]) -> bool:

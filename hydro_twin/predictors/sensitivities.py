@@ -76,13 +76,12 @@ def bound(dy, edges, limit):  # type: ignore[no-untyped-def]
     for part in range(len(edges) - 1):
         begin, end = edges[part], edges[part + 1]
         for column in range(dy.shape[2]):
-            largest = 0.0
+            grows = False
             for k in range(begin, end):
                 for q in range(dy.shape[1]):
-                    size = abs(dy[k, q, column])
-                    if not size < limit:
-                        largest = limit
-            if largest == limit:
+                    if not abs(dy[k, q, column]) < limit:
+                        grows = True
+            if grows:
                 for k in range(begin, end):
                     for q in range(dy.shape[1]):
                         dy[k, q, column] = 0.0
