@@ -117,11 +117,30 @@ def compiled(function: Callable[..., Any]) -> Callable[..., Any]:
     """Compile with numba, strictly in IEEE order, so that every caller gets the same digits.
 
     What is compiled works in arrays that it is given and allocates none. That leaves out numba's
-    counting of references, which here would cost five times the arithmetic.
+    counting of references, which here would cost five times the arithmetic. Where an inlined
+    function calls it, it is inlined, too.
     """
+    return _compiled(function)
+
+
+def inlined(function: Callable[..., Any]) -> Callable[..., Any]:
+    """Compile into each function that calls it, as what a step does many times needs.
+
+    Some twenty arrays are two hundred numbers to pass: that takes as long as what is done there.
+    """
+    return _compiled(function, forceinline=True)
+
+
+def not_inlined(function: Callable[..., Any]) -> Callable[..., Any]:
+    """Compile once, also where an inlined function calls it: what takes seconds to compile."""
+    return _compiled(function, forceinline=False)
+
+
+def _compiled(function: Callable[..., Any], **more: bool) -> Callable[..., Any]:
+    """Compile with the options of all."""
     options: dict[str, Any] = {'cache': True, 'nogil': True, 'error_model': 'numpy',
                                '_nrt': False}
-    result: Callable[..., Any] = numba.njit(function, **options)
+    result: Callable[..., Any] = numba.njit(function, **options, **more)
     return result
 
 

@@ -16,7 +16,7 @@ from typing import Any, NamedTuple
 import numpy as np
 import numpy.typing as npt
 
-from hydro_twin.compiled import compiled
+from hydro_twin.compiled import compiled, inlined
 from hydro_twin.effects.dispatch import apply
 
 # An effect on a port: the code of its law, the port, the rows of the signals it reads (-1: none),
@@ -56,7 +56,7 @@ class Step(NamedTuple):
     sensors: int
 
 
-@compiled
+@inlined
 def input_between(inputs, j, held, k, begin, end):  # type: ignore[no-untyped-def]
     """Input j at start and end, times in samples after sample k-1.
 
@@ -73,14 +73,14 @@ def input_between(inputs, j, held, k, begin, end):  # type: ignore[no-untyped-de
     return interpolated(inputs, j, k, begin), interpolated(inputs, j, k, end)
 
 
-@compiled
+@inlined
 def floor(time):  # type: ignore[no-untyped-def]
     """Return the largest whole number not above."""
     whole = int(time)
     return whole - 1 if whole > time else whole
 
 
-@compiled
+@inlined
 def interpolated(inputs, j, k, time):  # type: ignore[no-untyped-def]
     """Input j at a time in samples after sample k-1."""
     whole = floor(time)
@@ -90,7 +90,7 @@ def interpolated(inputs, j, k, time):  # type: ignore[no-untyped-def]
     return before + (time - whole) * (inputs[min(max(k + whole, 0), k), j] - before)
 
 
-@compiled
+@inlined
 def observe(H, row, x, u, d, active):  # type: ignore[no-untyped-def]
     """One row of H: the value of a port, or a signal."""
     n, m = len(x), len(u)
@@ -104,7 +104,7 @@ def observe(H, row, x, u, d, active):  # type: ignore[no-untyped-def]
     return value
 
 
-@compiled
+@inlined
 def add_effects(step, x, u, z, h, s, z_next, d):  # type: ignore[no-untyped-def]
     """Write into d what the explicit effects add to each port, in the order of the table."""
     H, active = step.H, step.active
@@ -127,7 +127,7 @@ def add_effects(step, x, u, z, h, s, z_next, d):  # type: ignore[no-untyped-def]
         d[effect.port] += after - before
 
 
-@compiled
+@inlined
 def inputs_over(step, part, inputs, k, begin, end):  # type: ignore[no-untyped-def]
     """Write the inputs at start and end of a part of the step from sample k-1 to sample k."""
     for j in range(len(step.shift)):
@@ -143,11 +143,11 @@ def inputs_over(step, part, inputs, k, begin, end):  # type: ignore[no-untyped-d
             begin[j], end[j] = now + part * slope, now + (part + 1) * slope
 
 
-@compiled
+@inlined
 def advance(step, x, z, work, inputs, k):  # type: ignore[no-untyped-def]
     """Step x and z in place from sample k-1 to sample k of the inputs; returns the output at k.
 
-    work is scratch, eight rows of the largest of n, m, P and the length of z.
+    work is scratch, see `System.work`.
     """
     M, H, active, p = step.M, step.H, step.active, step.p
     n, m, K = len(x), len(step.shift), len(step.effects)
@@ -202,7 +202,7 @@ def advance(step, x, z, work, inputs, k):  # type: ignore[no-untyped-def]
     return output(step, x, z, work, inputs, k)
 
 
-@compiled
+@inlined
 def output(step, x, z, work, inputs, k):  # type: ignore[no-untyped-def]
     """Return the last port at sample k; leaves inputs in work[1], what effects add in work[5]."""
     m = len(step.shift)

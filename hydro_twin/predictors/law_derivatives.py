@@ -3,7 +3,7 @@ from __future__ import annotations
 
 import math
 
-from hydro_twin.compiled import compiled
+from hydro_twin.compiled import compiled, inlined
 from hydro_twin.predictors.linearise import average, differentiate, straight
 from hydro_twin.predictors.rows import add, put, WIDTH
 
@@ -12,7 +12,7 @@ BEFORE, AFTER, SIGNAL = 0, 1, 2
 SPARE = 4
 
 
-@compiled
+@inlined
 def linearise(  # type: ignore[no-untyped-def]
         step, tangent, e, v, s, z, h, c, z_next, Z, Z_next, spare, g):
     """Return what the law of effect e gives; its derivatives go to spare[AFTER] and Z_next.

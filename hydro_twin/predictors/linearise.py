@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from hydro_twin.compiled import compiled, generated
+from hydro_twin.compiled import generated, not_inlined
 from hydro_twin.effects.differentiate import NoTangent
 from hydro_twin.effects.dispatch import apply, LAWS
 from hydro_twin.effects.rules import PRELUDE
@@ -42,7 +42,7 @@ def source() -> str:
             imports.append(f'from {module} import law as law_{k}')
             functions.append(law_differences(f'law_{k}', name))
         branches.append(f'    if code == {k}:\n        return {name}(v, s, p, z, h, c, z_next, g)')
-    head = '\n\n\n@compiled\ndef differentiate(code, v, s, p, z, h, c, z_next, g):'
+    head = '\n\n\n@not_inlined\ndef differentiate(code, v, s, p, z, h, c, z_next, g):'
     return '\n'.join([*imports, ''.join(functions).rstrip('\n') + head, *branches,
                       '    return v', ''])
 
@@ -52,7 +52,7 @@ def source() -> str:
 differentiate: Callable[..., Any] = generated(NAME, source).differentiate
 
 
-@compiled
+@not_inlined
 def straight(code, v, s, p, z, h, c, z_next, g, value, dv, ds):  # type: ignore[no-untyped-def]
     """Say whether a law with this value and derivatives g is straight over the distribution."""
     at, slope, reach = s[0], g[0, 0] * dv + g[0, 1] * ds, POINTS[0]
@@ -65,7 +65,7 @@ def straight(code, v, s, p, z, h, c, z_next, g, value, dv, ds):  # type: ignore[
     return bend <= BENT * max(abs(up), abs(down))
 
 
-@compiled
+@not_inlined
 def average(code, v, s, p, z, h, c, z_next, g, total, dv, ds):  # type: ignore[no-untyped-def]
     """Average a law, its derivatives and the memory it leaves over a normal distribution.
 

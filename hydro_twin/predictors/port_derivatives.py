@@ -1,10 +1,10 @@
 """Derivatives at the ports: of signals there, of what effects add, and of the state by that."""
 from __future__ import annotations
 
-from hydro_twin.compiled import compiled
+from hydro_twin.compiled import compiled, inlined
 from hydro_twin.predictors.kernel import observe
 from hydro_twin.predictors.law_derivatives import AFTER, BEFORE, linearise, SIGNAL
-from hydro_twin.predictors.rows import add, clear, put
+from hydro_twin.predictors.rows import add, clear, combine, put
 
 
 @compiled
@@ -31,7 +31,7 @@ def observe_rows(step, tangent, row, x, u, d, X, U, D, out, i):  # type: ignore[
             add(out, i, d[j], dH, at + n + m + j)
 
 
-@compiled
+@inlined
 def add_effects(  # type: ignore[no-untyped-def]
         step, tangent, x, u, z, h, s, z_next, d, X, U, D, Z, Z_next, spare, g):
     """Do what `kernel.add_effects` does, and write the derivatives into D and Z_next."""
@@ -64,17 +64,15 @@ def add_effects(  # type: ignore[no-untyped-def]
 
 @compiled
 def add_to_port(  # type: ignore[no-untyped-def]
-        step, tangent, out, port, begin, end, value, rows, j):
+        step, tangent, out, port, first, times, values, v, rows, j):
     """Add the derivatives of what a value at a port does to the state at the end of a step.
 
-    begin and end: how much of the value is there then; j: the row of its derivatives.
+    It is values[v], with its derivatives in row j of rows. `first` and `times` say when it is
+    there: at the start of the step (0, 1), at its end (1, 1), or at both (0, 2).
     """
     M, n, m = step.M, len(step.M), len(step.shift)
     width, P = M.shape[1], step.H.shape[1] - n - m
-    at = n + 2 * m + port
-    for i in range(n):
-        add(out, i, begin * M[i, at] + end * M[i, at + P], rows, j)
-        if tangent.moving and begin * value != 0.0:
-            add(out, i, begin * value, tangent.M, i * width + at)
-        if tangent.moving and end * value != 0.0:
-            add(out, i, end * value, tangent.M, i * width + at + P)
+    at = n + 2 * m + port + first * P
+    combine(out, n, False, M, at, width, P, rows, j, 0, 0, times)
+    if tangent.moving and values[v] != 0.0:
+        combine(out, n, False, values, v, 0, 0, tangent.M, at, width, P, times)

@@ -86,16 +86,31 @@ def _add(builder: Any, vectors: Any, out: Any, factor: Any, row: Any) -> None:
         _store(builder, builder.fadd(_load(builder, out, loop.index), more), out, loop.index)
 
 
-def _weigh(builder: Any, vectors: Any, out: Any, factors: Any, row: Any, count: Any) -> None:
+def _copy(builder: Any, vectors: Any, out: Any, row: Any, count: Any) -> None:
+    with cgutils.for_range(builder, builder.mul(count, vectors)) as loop:
+        _store(builder, _load(builder, row, loop.index), out, loop.index)
+
+
+def _combine(builder: Any, vectors: Any, out: Any, count: Any, fresh: Any, factors: Any,
+             factor_by_row: Any, factor_by_term: Any, rows: Any, row_by_row: Any, row_by_term: Any,
+             terms: Any) -> None:
     total = cgutils.alloca_once(builder, VECTOR)  # type: ignore[no-untyped-call]
-    with cgutils.for_range(builder, vectors) as loop:
-        builder.store(_load(builder, out, loop.index), total)
-        with cgutils.for_range(builder, count) as term:
-            at = builder.add(builder.mul(term.index, vectors), loop.index)
-            factor = builder.load(builder.gep(factors, [term.index]))
-            more = _times(builder, factor, _load(builder, row, at))
+    nothing = ir.Constant(VECTOR, [DOUBLE(0.0)] * WIDTH)
+    with cgutils.for_range(builder, count) as row, cgutils.for_range(builder, vectors) as vector:
+        to = builder.add(builder.mul(row.index, vectors), vector.index)
+        builder.store(nothing, total)
+        with builder.if_then(builder.not_(fresh)):
+            builder.store(_load(builder, out, to), total)
+        with cgutils.for_range(builder, terms) as term:
+            at = builder.add(builder.mul(row.index, row_by_row),
+                             builder.mul(term.index, row_by_term))
+            which = builder.add(builder.mul(row.index, factor_by_row),
+                                builder.mul(term.index, factor_by_term))
+            more = _times(builder, builder.load(builder.gep(factors, [which])),
+                          _load(builder, rows, builder.add(builder.mul(at, vectors),
+                                                           vector.index)))
             builder.store(builder.fadd(builder.load(total), more), total)
-        _store(builder, builder.load(total), out, loop.index)
+        _store(builder, builder.load(total), out, to)
 
 
 def _function(builder: Any, body: Callable[..., None], kinds: list[Any]) -> Any:
@@ -105,7 +120,9 @@ def _function(builder: Any, body: Callable[..., None], kinds: list[Any]) -> Any:
     if name not in module.globals:
         function = ir.Function(module, ir.FunctionType(ir.VoidType(), kinds), name)
         function.linkage = 'linkonce_odr'
+        # Without `optsize` loops are unrolled, and over so few rows they then take longer.
         function.attributes.add('noinline')
+        function.attributes.add('optsize')
         inside = ir.IRBuilder(function.append_basic_block())
         body(inside, *function.args)
         inside.ret_void()
@@ -161,14 +178,40 @@ def add(_typing, out, _i, _factor, rows, _j):  # type: ignore[no-untyped-def]
 
 
 @operation
-def weigh(_typing, out, _i, factors, rows, _first, _count):  # type: ignore[no-untyped-def]
-    """Add `count` successive rows of rows to row i of out, each times its factor."""
+def copy(_typing, out, rows, _count):  # type: ignore[no-untyped-def]
+    """Copy the first `count` rows of rows to out."""
     def generate(context, builder, signature, args):  # type: ignore[no-untyped-def]
-        out, i, weights, rows, j, count = args
-        to, vectors = _row(context, builder, signature.args[0], out, i)
-        row, _ = _row(context, builder, signature.args[3], rows, j)
-        begin = context.make_array(signature.args[2])(context, builder, weights).data
-        builder.call(_function(builder, _weigh, [INDEX, POINTER, POINTER, POINTER, INDEX]),
-                     [vectors, to, begin, row, count])
+        out, rows, count = args
+        to, vectors = _row(context, builder, signature.args[0], out, INDEX(0))
+        row, _ = _row(context, builder, signature.args[1], rows, INDEX(0))
+        builder.call(_function(builder, _copy, [INDEX, POINTER, POINTER, INDEX]),
+                     [vectors, to, row, count])
         return context.get_dummy_value()
-    return types.void(out, types.int64, factors, rows, types.int64, types.int64), generate
+    return types.void(out, rows, types.int64), generate
+
+
+@operation
+def combine(  # type: ignore[no-untyped-def]
+        _typing, out, _count, _fresh, factors, _at, _factor_by_row, _factor_by_term, rows, _j,
+        _row_by_row, _row_by_term, _terms):
+    """Add to the first `count` rows of out a sum of rows, each times its factor.
+
+    To the k-th, over the terms q, factors[at + k factor_by_row + q factor_by_term], counted
+    through their array, times row j + k row_by_row + q row_by_term of rows. Where `fresh`, that is
+    written instead.
+    """
+    def generate(context, builder, signature, args):  # type: ignore[no-untyped-def]
+        (out, count, fresh, factors, at, factor_by_row, factor_by_term, rows, j, row_by_row,
+         row_by_term, terms) = args
+        to, vectors = _row(context, builder, signature.args[0], out, INDEX(0))
+        row, _ = _row(context, builder, signature.args[7], rows, j)
+        data = context.make_array(signature.args[3])(context, builder, factors).data
+        given = [vectors, to, count, fresh, builder.gep(data, [at]), factor_by_row, factor_by_term,
+                 row, row_by_row, row_by_term, terms]
+        kinds = [INDEX, POINTER, INDEX, ir.IntType(1), POINTER, INDEX, INDEX, POINTER,
+                 *[INDEX] * 3]
+        builder.call(_function(builder, _combine, kinds), given)
+        return context.get_dummy_value()
+    whole = types.int64
+    return types.void(out, whole, types.boolean, factors, whole, whole, whole, rows, whole, whole,
+                      whole, whole), generate

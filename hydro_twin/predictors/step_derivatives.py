@@ -10,14 +10,14 @@ from typing import NamedTuple
 
 import numpy as np
 
-from hydro_twin.compiled import compiled
+from hydro_twin.compiled import compiled, inlined
 from hydro_twin.plants.plant import FloatArray
 from hydro_twin.predictors import kernel
 from hydro_twin.predictors.input_derivatives import input_rows, slope_at
 from hydro_twin.predictors.kernel import inputs_over, interpolated, observe
 from hydro_twin.predictors.law_derivatives import AFTER, BEFORE, linearise, SIGNAL, SPARE
 from hydro_twin.predictors.port_derivatives import add_effects, add_to_port, observe_rows
-from hydro_twin.predictors.rows import add, clear, put, weigh, WIDTH, zeros
+from hydro_twin.predictors.rows import add, clear, combine, copy, put, WIDTH, zeros
 from hydro_twin.predictors.system import System
 
 
@@ -26,7 +26,7 @@ class Rows(NamedTuple):
 
     Attributes:
         X, Z: of the state and the memory.
-        U0, U1: of the inputs at start and end of a part of the step.
+        U: of the inputs at the start of a part of the step, then at its end.
         D0, D1: of what effects add to the ports there.
         L: of the state at the end by the linear laws, then with all that is added.
         A: of that predicted from what is added at the start.
@@ -36,8 +36,7 @@ class Rows(NamedTuple):
 
     X: FloatArray
     Z: FloatArray
-    U0: FloatArray
-    U1: FloatArray
+    U: FloatArray
     D0: FloatArray
     D1: FloatArray
     L: FloatArray
@@ -50,7 +49,7 @@ def _counts(system: System) -> tuple[int, ...]:
     """Say how many rows there are of each kind, in the order of `Rows`."""
     n, m, W, P = (len(system.laws.A), len(system.step.shift), system.memory,
                   len(system.plant.ports))
-    return n, W, m, m, P, P, n, n, W, SPARE
+    return n, W, 2 * m, P, P, n, n, W, SPARE
 
 
 def rows_for(system: System, blocks: int) -> Rows:
@@ -70,7 +69,7 @@ def divided(X, Z, room, m, P):  # type: ignore[no-untyped-def]
     D0 = 2 * m
     L = D0 + 2 * P
     Z_next = L + 2 * n
-    return Rows(X, Z, room[:m], room[m:D0], room[D0:D0 + P], room[D0 + P:L], room[L:L + n],
+    return Rows(X, Z, room[:D0], room[D0:D0 + P], room[D0 + P:L], room[L:L + n],
                 room[L + n:Z_next], room[Z_next:Z_next + W], room[Z_next + W:])
 
 
@@ -83,14 +82,18 @@ def partials(system: System) -> FloatArray:
 def advance(step, tangent, x, z, work, rows, g, inputs, k):  # type: ignore[no-untyped-def]
     """Step state, memory and their derivatives in place from sample k-1 to sample k."""
     M, H, active, dM = step.M, step.H, step.active, tangent.M
-    X, Z, U0, U1, D0, D1, L, A, Z_next, spare = rows
+    X, Z, U, D0, D1, L, A, Z_next, spare = rows
     n, m, K, W = len(x), len(step.shift), len(step.effects), len(z)
-    width, P = M.shape[1], H.shape[1] - n - m
-    begin, end, linear, ahead = work[0, :m], work[1, :m], work[2, :n], work[3, :n]
+    width, P, at = M.shape[1], H.shape[1] - n - m, n + 2 * m
+    U0, U1 = U[:m], U[m:]
+    v, linear, ahead = work[0, :at], work[2, :n], work[3, :n]
+    begin, end = v[n:n + m], v[n + m:]
     d0, d1, z_next, s = work[4, :P], work[5, :P], work[6, :W], work[7]
     h = step.sample_time / step.substeps
-    kept, at = W - K, n + 2 * m
+    kept = W - K
     for part in range(step.substeps):
+        for i in range(n):
+            v[i] = x[i]
         inputs_over(step, part, inputs, k, begin, end)
         if tangent.shifts:
             input_rows(step, tangent, part, inputs, k, U0, U1)
@@ -101,22 +104,17 @@ def advance(step, tangent, x, z, work, rows, g, inputs, k):  # type: ignore[no-u
             for j in range(m):
                 value += M[i, n + j] * begin[j] + M[i, n + m + j] * end[j]
             linear[i] = value
-            clear(L, i)
-            weigh(L, i, M[i], X, 0, n)
-            if tangent.moving:
-                weigh(L, i, x, dM, i * width, n)
-                weigh(L, i, begin, dM, i * width + n, m)
-                weigh(L, i, end, dM, i * width + n + m, m)
-            if tangent.shifts:
-                weigh(L, i, M[i, n:], U0, 0, m)
-                weigh(L, i, M[i, n + m:], U1, 0, m)
+        combine(L, n, True, M, 0, width, 1, X, 0, 0, 1, n)
+        if tangent.moving:
+            combine(L, n, False, v, 0, 0, 1, dM, 0, width, 1, at)
+        if tangent.shifts:
+            combine(L, n, False, M, n, width, 1, U, 0, 0, 1, 2 * m)
         if K > 0:
             add_effects(step, tangent, x, begin, z, 0.0, s, z_next, d0, X, U0, D0, Z, Z_next,
                         spare, g)
             if len(active) > 0:
                 for i in range(n):
                     value = linear[i]
-                    put(A, i, 1.0, L, i)
                     for j in active:
                         value += (M[i, at + j] + M[i, at + P + j]) * d0[j]
                     for e in range(K):
@@ -124,20 +122,21 @@ def advance(step, tangent, x, z, work, rows, g, inputs, k):  # type: ignore[no-u
                             j = step.effects[e].port
                             value += (M[i, at + j] + M[i, at + P + j]) * z[kept + e]
                     ahead[i] = value
+                copy(A, L, n)
                 for j in active:
-                    add_to_port(step, tangent, A, j, 1.0, 1.0, d0[j], D0, j)
+                    add_to_port(step, tangent, A, j, 0, 2, d0, j, D0, j)
                 for e in range(K):
                     if step.effects[e].implicit:
-                        add_to_port(step, tangent, A, step.effects[e].port, 1.0, 1.0, z[kept + e],
-                                    Z, kept + e)
+                        add_to_port(step, tangent, A, step.effects[e].port, 0, 2, z, kept + e, Z,
+                                    kept + e)
             add_effects(step, tangent, ahead, end, z, h, s, z_next, d1, A, U1, D1, Z, Z_next,
                         spare, g)
             for i in range(n):
                 for j in active:
                     linear[i] += M[i, at + j] * d0[j] + M[i, at + P + j] * d1[j]
             for j in active:
-                add_to_port(step, tangent, L, j, 1.0, 0.0, d0[j], D0, j)
-                add_to_port(step, tangent, L, j, 0.0, 1.0, d1[j], D1, j)
+                add_to_port(step, tangent, L, j, 0, 1, d0, j, D0, j)
+                add_to_port(step, tangent, L, j, 1, 1, d1, j, D1, j)
             for e in range(K):
                 effect = step.effects[e]
                 if not effect.implicit:
@@ -151,21 +150,21 @@ def advance(step, tangent, x, z, work, rows, g, inputs, k):  # type: ignore[no-u
                                   Z, Z_next, spare, g)
                 for i in range(n):
                     linear[i] += (M[i, at + port] + M[i, at + P + port]) * added
-                add_to_port(step, tangent, L, port, 1.0, 1.0, added, spare, AFTER)
                 z_next[kept + e] = added
+                add_to_port(step, tangent, L, port, 0, 2, z_next, kept + e, spare, AFTER)
                 put(Z_next, kept + e, 1.0, spare, AFTER)
             for i in range(W):
                 z[i] = z_next[i]
-                put(Z, i, 1.0, Z_next, i)
+            copy(Z, Z_next, W)
         for i in range(n):
             x[i] = linear[i]
-            put(X, i, 1.0, L, i)
+        copy(X, L, n)
 
 
-@compiled
+@inlined
 def output(step, tangent, x, z, work, rows, g, inputs, k, dy):  # type: ignore[no-untyped-def]
     """Return the output at sample k and write its derivatives into dy (D,)."""
-    X, Z, _, U, _, D, _, _, Z_next, spare = rows
+    X, Z, U, _, D, _, _, Z_next, spare = rows
     m, n, W = len(step.shift), len(x), len(z)
     P = step.H.shape[1] - n - m
     u, d = work[1, :m], work[5, :P]
@@ -188,7 +187,7 @@ def output(step, tangent, x, z, work, rows, g, inputs, k, dy):  # type: ignore[n
 @compiled
 def read_sensor(step, tangent, row, x, z, work, rows, dy):  # type: ignore[no-untyped-def]
     """Return what the sensor in a row of H reads, after `output`; its derivatives go to dy."""
-    X, Z, _, U, _, D, _, _, _, spare = rows
+    X, Z, U, _, D, _, _, _, spare = rows
     n, m, kept = len(x), len(step.shift), len(z) - len(step.effects)
     u, d = work[1, :m], work[5, :step.H.shape[1] - n - m]
     observe_rows(step, tangent, row, x, u, d, X, U, D, spare, BEFORE)
