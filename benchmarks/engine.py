@@ -27,7 +27,7 @@ from hydro_twin.fitting.unknowns import effect_unknowns, get, plant_unknowns, ti
 from hydro_twin.model import Model, place
 from hydro_twin.plants import plant_named
 from hydro_twin.plants.plant import FloatArray
-from hydro_twin.predictors.sensitivities import run_with_slopes
+from hydro_twin.predictors.sensitivities import run_parts_with_slopes
 from hydro_twin.predictors.tangents import tangent_of
 
 PLANT = plant_named('load_simulator')
@@ -108,13 +108,16 @@ def alone(fit: Problem) -> float:
     compiling, _ = timed(lambda: system.run(part.inputs, x, z), 1)
     by, _ = fit.directions(fit.base, system)
     tangents = [tangent_of(system, by)]
-    more, _ = timed(lambda: run_with_slopes(system, by, tangents, part.inputs, x, z), 1)
+
+    def with_slopes() -> list[tuple[FloatArray, FloatArray]]:
+        return run_parts_with_slopes(system, by, tangents, [part.inputs], [x], [z], [None])
+
+    more, _ = timed(with_slopes, 1)
     print(f'first call: {compiling:.1f} s for the run, {more:.1f} s more for its derivatives '
           '(compiled, or read from the cache)')
     plain, _ = timed(lambda: system.run(part.inputs, x, z), 20)
-    slopes, (_, columns) = timed(
-        lambda: run_with_slopes(system, by, tangents, part.inputs, x, z), 20)
-    width = np.count_nonzero(np.any(columns, axis=0))
+    slopes, ((_, columns),) = timed(with_slopes, 20)
+    width = np.count_nonzero(np.any(columns[0], axis=0))
     print(f'a run {1e3 * plain:.1f} ms; with {width} columns of derivatives {1e3 * slopes:.1f} '
           f'ms, {slopes / plain:.1f} runs; differences take {width + 1}')
     own, found = timed(lambda: fit.search(40, 1e-6))

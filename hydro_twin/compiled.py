@@ -139,8 +139,8 @@ def not_inlined(function: Callable[..., Any]) -> Callable[..., Any]:
 def _compiled(function: Callable[..., Any], **more: bool) -> Callable[..., Any]:
     """Compile with the options of all."""
     options: dict[str, Any] = {'cache': True, 'nogil': True, 'error_model': 'numpy',
-                               '_nrt': False}
-    result: Callable[..., Any] = numba.njit(function, **options, **more)
+                               '_nrt': False, **more}
+    result: Callable[..., Any] = numba.njit(function, **options)
     return result
 
 

@@ -11,7 +11,7 @@ from hydro_twin.fitting.start import Start, without_start
 from hydro_twin.model import Model
 from hydro_twin.plants.plant import FloatArray
 from hydro_twin.predictors.scores import rms
-from hydro_twin.predictors.sensitivities import run_with_slopes
+from hydro_twin.predictors.sensitivities import run_parts_with_slopes
 from hydro_twin.predictors.tangents import NONE, Tangent, tangent_of
 
 
@@ -73,13 +73,14 @@ def fitted_residuals(model: Model, parts: Sequence[Part]) -> list[FloatArray]:
 
     See `without_start`. What is not fitted has only its first samples to go by.
     """
-    found, tangents, usual = [], start_tangents(model), usual_response(model)
-    for part, start in zip(parts, initial_states(model, parts), strict=True):
-        y, slopes = run_with_slopes(model.system, NONE, tangents, part.inputs, start.x, start.z,
-                                    part.start)
-        found.append(without_start(part.whitened(part.measured - y), part.whitened(slopes), usual,
-                                   model.start_up, room=start.room).residual)
-    return found
+    starts, usual = initial_states(model, parts), usual_response(model)
+    runs = run_parts_with_slopes(
+        model.system, NONE, start_tangents(model), [part.inputs for part in parts],
+        [start.x for start in starts], [start.z for start in starts],
+        [part.start for part in parts])
+    return [without_start(part.whitened(part.measured - y[0]), part.whitened(slopes[0]), usual,
+                          model.start_up, room=start.room).residual
+            for part, start, (y, slopes) in zip(parts, starts, runs, strict=True)]
 
 
 def residuals_from(model: Model, parts: Sequence[Part], states: Sequence[FloatArray]

@@ -344,8 +344,9 @@ def finely(fit: Fit, parts: Sequence[Part], finest: int) -> Fit:
         finer = replace(candidate, substeps=2 * candidate.substeps)
         starts = [(part.inputs, start.x, start.z, None, part.start) for part, start in
                   zip(parts, initial_states(candidate, parts), strict=True)]
-        change = rms(np.concatenate([finer.system.run(*start) - candidate.system.run(*start)
-                                     for start in starts]))
+        change = rms(np.concatenate([
+            part.whitened(finer.system.run(*start) - candidate.system.run(*start))
+            for part, start in zip(parts, starts, strict=True)]))
         if change < FINE * fit.error:
             break
         candidate = finer

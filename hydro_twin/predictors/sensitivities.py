@@ -87,23 +87,6 @@ def bound(dy, edges, limit):  # type: ignore[no-untyped-def]
                         dy[k, q, column] = 0.0
 
 
-def run_with_slopes(system: System, by: Directions, tangents: Sequence[Tangent],
-                    inputs: FloatArray, x: FloatArray, z: FloatArray, start: int | None = None
-                    ) -> tuple[FloatArray, FloatArray]:
-    """Run freely as `run_all_with_slopes`; returns the output (N,) and its derivatives (N, D)."""
-    y, slopes = run_all_with_slopes(system, by, tangents, inputs, x, z, start)
-    return y[0], slopes[0]
-
-
-def run_all_with_slopes(
-    system: System, by: Directions, tangents: Sequence[Tangent], inputs: FloatArray,
-    x: FloatArray, z: FloatArray, start: int | None = None, sensors: Sequence[str] = (),
-) -> tuple[FloatArray, FloatArray]:
-    """Run freely over one part, as `run_parts_with_slopes`."""
-    one, = run_parts_with_slopes(system, by, tangents, [inputs], [x], [z], [start], sensors)
-    return one
-
-
 def run_parts_with_slopes(
     system: System, by: Directions, tangents: Sequence[Tangent], inputs: Sequence[FloatArray],
     x: Sequence[FloatArray], z: Sequence[FloatArray], starts: Sequence[int | None],

@@ -16,7 +16,7 @@ from hydro_twin.inference.trace import trace
 from hydro_twin.model import Model, Noise, place, read_model, write_model
 from hydro_twin.plants import PLANTS
 from hydro_twin.predictors.analytical import Analytical
-from hydro_twin.predictors.sensitivities import run_with_slopes
+from hydro_twin.predictors.sensitivities import run_parts_with_slopes
 from hydro_twin.predictors.system import assemble, STAGES
 from hydro_twin.predictors.tangents import tangents_of
 from hydro_twin.recording.series import Recording, Series
@@ -125,8 +125,8 @@ def test_derivatives_of_a_run(parameters):
     tangents = tangents_of(candidate.system,
                            lambda stage: problem.directions(candidate, stage)[0])
     x = np.zeros(LOAD.order)
-    y, found = run_with_slopes(candidate.system, by, tangents, part.inputs, x, np.zeros(0),
-                               part.start)
+    ((y,), (found,)), = run_parts_with_slopes(
+        candidate.system, by, tangents, [part.inputs], [x], [np.zeros(0)], [part.start])
     np.testing.assert_array_equal(y, candidate.system.run(part.inputs, x, start=part.start))
     at, slopes = np.array([u.coordinate(get(candidate, u)) for u in unknowns]), found[:, :by.count]
     for column, k in enumerate(order):

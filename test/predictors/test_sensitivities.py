@@ -15,11 +15,7 @@ from hydro_twin.fitting.unknowns import effect_unknowns, get, plant_unknowns, ti
 from hydro_twin.inference.screen import spans
 from hydro_twin.model import Model, place
 from hydro_twin.plants import PLANTS
-from hydro_twin.predictors.sensitivities import (
-    run_all_with_slopes,
-    run_parts_with_slopes,
-    run_with_slopes,
-)
+from hydro_twin.predictors.sensitivities import run_parts_with_slopes
 from hydro_twin.predictors.system import assemble
 from hydro_twin.predictors.tangents import Directions, tangent_of, tangents_of
 
@@ -82,6 +78,12 @@ def unknowns_of(candidate):
     return unknowns
 
 
+def of_one_part(system, by, tangents, inputs, x, z, start=None, sensors=()):
+    """Run over one part; returns output and sensors, and their derivatives."""
+    one, = run_parts_with_slopes(system, by, tangents, [inputs], [x], [z], [start], sensors)
+    return one
+
+
 def differences(run, at, steps):
     """Take central differences; also how far they change with the step, which kinks do."""
     columns = []
@@ -105,8 +107,8 @@ def test_all_derivatives_of_a_run(plant, effect, port):
     x = 1e-3 * np.max(np.abs(states_of(candidate, part)), axis=0)
     z = np.zeros(system.memory)
     sensors = [sensor.name for sensor in plant.sensors]
-    every, slopes = run_all_with_slopes(system, by, [tangent_of(system, by)], part.inputs, x, z,
-                                        sensors=sensors)
+    every, slopes = of_one_part(system, by, [tangent_of(system, by)], part.inputs, x, z, None,
+                                sensors)
     y, scale = every[0], np.std(every[0]) / np.maximum(np.std(every, axis=1), 1e-300)
     np.testing.assert_array_equal(y, system.run(part.inputs, x, z))
     slopes = np.concatenate(scale[:, None, None] * slopes)
@@ -143,8 +145,8 @@ def test_by_an_inertia_and_a_lag_as_the_variational_equation_has_it():
     states, T = len(laws.A), system.step.sample_time
     held = [signal.held for signal in plant.inputs]
     by = Directions([('J', values['J']), ('K_p', values['K_p'])])
-    _, slopes = run_with_slopes(system, by, [tangent_of(system, by)], inputs,
-                                np.zeros(states), np.zeros(0))
+    _, (slopes,) = of_one_part(system, by, [tangent_of(system, by)], inputs, np.zeros(states),
+                               np.zeros(0))
     rows = [plant.states.index('omega_j'), plant.states.index('x_v')]
 
     def rates(s, both, u0, u1):
@@ -170,8 +172,8 @@ def test_derivatives_that_grow_without_bound_are_left_out():
     values = middle(plant) | {'B_m': -50.0, 'J': 0.01}
     system, inputs = assemble(plant, values), np.zeros((SAMPLES, 2))
     by = Directions([('K_q', 1.0)])
-    y, slopes = run_with_slopes(system, by, [tangent_of(system, by)], inputs,
-                                np.zeros(plant.order), np.zeros(0))
+    y, slopes = of_one_part(system, by, [tangent_of(system, by)], inputs, np.zeros(plant.order),
+                            np.zeros(0))
     assert not y.any()
     assert not slopes.any()
 
@@ -194,8 +196,7 @@ def test_parts_run_together_as_each_by_itself(effects):
     starts = [0, 300_000_000, None]
     together = run_parts_with_slopes(system, by, tangents, inputs, x, z, starts, ['p_L'])
     for k, (y, slopes) in enumerate(together):
-        alone = run_all_with_slopes(system, by, tangents, inputs[k], x[k], z[k], starts[k],
-                                    ['p_L'])
+        alone = of_one_part(system, by, tangents, inputs[k], x[k], z[k], starts[k], ['p_L'])
         np.testing.assert_array_equal(y, alone[0])
         np.testing.assert_array_equal(slopes, alone[1])
     assert np.isnan(together[1][0][0, -1])
