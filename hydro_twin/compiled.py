@@ -9,7 +9,7 @@ import os
 from pathlib import Path
 import sys
 import tempfile
-from types import ModuleType
+from types import FunctionType, ModuleType
 from typing import Any
 
 import numba
@@ -117,8 +117,8 @@ def compiled(function: Callable[..., Any]) -> Callable[..., Any]:
     """Compile with numba, strictly in IEEE order, so that every caller gets the same digits.
 
     What is compiled works in arrays that it is given and allocates none. That leaves out numba's
-    counting of references, which here would cost five times the arithmetic. Where an inlined
-    function calls it, it is inlined, too.
+    counting of references, which here would cost five times the arithmetic. What is first
+    compiled where an inlined function calls it is inlined, too.
     """
     return _compiled(function)
 
@@ -129,6 +129,20 @@ def inlined(function: Callable[..., Any]) -> Callable[..., Any]:
     Some twenty arrays are two hundred numbers to pass: that takes as long as what is done there.
     """
     return _compiled(function, forceinline=True)
+
+
+def inlined_too(function: Callable[..., Any]) -> Callable[..., Any]:
+    """Compile a function once more, to be inlined; the cache holds it under a name of its own.
+
+    Args:
+        function: compiled, to be called.
+    """
+    plain = function.py_func    # type: ignore[attr-defined]
+    name = f'{plain.__name__}_inlined'
+    copy = FunctionType(plain.__code__, plain.__globals__, name, plain.__defaults__,
+                        plain.__closure__)
+    copy.__qualname__, copy.__module__ = name, plain.__module__
+    return inlined(copy)
 
 
 def not_inlined(function: Callable[..., Any]) -> Callable[..., Any]:

@@ -1,4 +1,4 @@
-"""One compiled function that calls the law of any effect by its number.
+"""Compiled functions that apply the law of any effect by its number.
 
 numba compiles calls of functions it knows by name, so the function is written out, with a branch
 for each effect found, into the folder of compiled code. Adding an effect is adding its file.
@@ -25,14 +25,19 @@ def source() -> str:
     """Write the module."""
     laws = [(k, name) for k, (name, law) in enumerate(LAWS) if law is not None]
     imports = [f'from {name} import law as law_{k}' for k, name in laws]
+    here = [f'law_{k} = inlined_too(law_{k})' for k, _ in laws]
     branches = [f'    if code == {k}:\n        return law_{k}(v, s, p, z, h, c, z_next)'
                 for k, _ in laws]
     return '\n'.join([
-        'from hydro_twin.compiled import compiled', *imports, '', '', '@compiled',
-        'def apply(code, v, s, p, z, h, c, z_next):', *branches, '    return v', ''])
+        'from hydro_twin.compiled import inlined, inlined_too, not_inlined', *imports, '', *here,
+        '', '', '@inlined', 'def apply(code, v, s, p, z, h, c, z_next):', *branches,
+        '    return v', '', '', '@not_inlined', 'def call(code, v, s, p, z, h, c, z_next):',
+        '    return apply(code, v, s, p, z, h, c, z_next)', ''])
 
 
-apply: Callable[..., Any] = generated(NAME, source).apply
+_module = generated(NAME, source)
+apply: Callable[..., Any] = _module.apply       # stands in what calls it, with all laws
+call: Callable[..., Any] = _module.call         # the same as a call
 
 
 @compiled
@@ -42,4 +47,4 @@ def transmit(values, gain, number, parameters, none):  # type: ignore[no-untyped
     none: zeros (2,), for the signals and the memory that it does not have.
     """
     for k in range(len(values)):
-        values[k] = apply(number, gain * values[k], none, parameters, none, 0.0, 0.0, none) / gain
+        values[k] = call(number, gain * values[k], none, parameters, none, 0.0, 0.0, none) / gain

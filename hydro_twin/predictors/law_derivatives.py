@@ -3,7 +3,7 @@ from __future__ import annotations
 
 import math
 
-from hydro_twin.compiled import compiled, inlined
+from hydro_twin.compiled import inlined
 from hydro_twin.predictors.linearise import average, differentiate, straight
 from hydro_twin.predictors.rows import add, put, WIDTH
 
@@ -52,7 +52,7 @@ def linearise(  # type: ignore[no-untyped-def]
     return value
 
 
-@compiled
+@inlined
 def chain(g, step, tangent, e, Z, spare, out, i):  # type: ignore[no-untyped-def]
     """Write the derivatives of what the law of effect e gives, from its partial derivatives g."""
     effect = step.effects[e]

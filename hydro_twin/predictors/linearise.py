@@ -14,7 +14,7 @@ import numpy as np
 
 from hydro_twin.compiled import generated, not_inlined
 from hydro_twin.effects.differentiate import NoTangent
-from hydro_twin.effects.dispatch import apply, LAWS
+from hydro_twin.effects.dispatch import call, LAWS
 from hydro_twin.effects.rules import PRELUDE
 from hydro_twin.effects.tangent import law_differences, law_tangent, WEIGH
 
@@ -57,9 +57,9 @@ def straight(code, v, s, p, z, h, c, z_next, g, value, dv, ds):  # type: ignore[
     """Say whether a law with this value and derivatives g is straight over the distribution."""
     at, slope, reach = s[0], g[0, 0] * dv + g[0, 1] * ds, POINTS[0]
     s[0] = at + reach * ds
-    up = apply(code, v + reach * dv, s, p, z, h, c, z_next) - value
+    up = call(code, v + reach * dv, s, p, z, h, c, z_next) - value
     s[0] = at - reach * ds
-    down = apply(code, v - reach * dv, s, p, z, h, c, z_next) - value
+    down = call(code, v - reach * dv, s, p, z, h, c, z_next) - value
     s[0] = at
     bend = max(abs(up - reach * slope), abs(down + reach * slope))
     return bend <= BENT * max(abs(up), abs(down))

@@ -7,7 +7,7 @@ from hydro_twin.predictors.law_derivatives import AFTER, BEFORE, linearise, SIGN
 from hydro_twin.predictors.rows import add, clear, combine, put
 
 
-@compiled
+@inlined
 def observe_rows(step, tangent, row, x, u, d, X, U, D, out, i):  # type: ignore[no-untyped-def]
     """Write the derivatives of a row of H at x, inputs u and what effects add, d."""
     H, dH, moves = step.H, tangent.H, tangent.moves

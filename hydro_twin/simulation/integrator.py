@@ -6,7 +6,7 @@ effects add to the value of each port.
 from __future__ import annotations
 
 from hydro_twin.compiled import compiled
-from hydro_twin.effects.dispatch import apply
+from hydro_twin.effects.dispatch import call
 
 
 @compiled
@@ -35,7 +35,7 @@ def pass_ports(seen, table, p, z, h, s, z_next, w):  # type: ignore[no-untyped-d
             code, at, first, second, p0, p1, z0, z1, implicit = table[e]
             if at == port and not implicit:
                 s[0], s[1] = dot(seen[1], first, w), dot(seen[1], second, w)
-                after = apply(code, value, s, p[p0:p1], z[z0:z1], h, 0.0, z_next[z0:z1])
+                after = call(code, value, s, p[p0:p1], z[z0:z1], h, 0.0, z_next[z0:z1])
                 w[first_d + port] += after - value
                 value = after
     return value
@@ -67,7 +67,7 @@ def stick(seen, table, p, z, h, gain, s, z_next, w, held):  # type: ignore[no-un
         if implicit:
             s[0], s[1] = dot(seen[1], first, w), dot(seen[1], second, w)
             rise = dot(seen[1], first, gain[port])
-            force = apply(code, 0.0, s, p[p0:p1], z[z0:z1], h, rise, z_next[z0:z1])
+            force = call(code, 0.0, s, p[p0:p1], z[z0:z1], h, rise, z_next[z0:z1])
             held[port] += force
             for i in range(len(w)):
                 w[i] += force * gain[port, i]
