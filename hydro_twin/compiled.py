@@ -137,7 +137,7 @@ def inlined_too(function: Callable[..., Any]) -> Callable[..., Any]:
     Args:
         function: compiled, to be called.
     """
-    plain = function.py_func    # type: ignore[attr-defined]
+    plain = getattr(function, 'py_func', function)      # where numba is switched off, itself
     name = f'{plain.__name__}_inlined'
     copy = FunctionType(plain.__code__, plain.__globals__, name, plain.__defaults__,
                         plain.__closure__)
