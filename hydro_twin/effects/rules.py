@@ -39,7 +39,7 @@ FUNCTIONS: dict[str, tuple[str, ...]] = {
 }
 PRELUDE = """import math
 
-from hydro_twin.compiled import compiled, not_inlined
+from hydro_twin.compiled import compiled
 
 
 @compiled

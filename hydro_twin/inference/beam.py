@@ -39,8 +39,8 @@ def widen(chain: Chain, base: Fit, alternatives: Sequence[Alternative], context:
     effects beside it, effects that have become needless are dropped, and the best go on. Models
     are compared by their BIC.
 
-    One that has as many effects as a model may have stays: of those, none of the development rigs
-    was replaced, and they took half of the time.
+    One that has as many effects as a model may have stays: on the development rigs none of those
+    was replaced, and the search took up to half of the time.
 
     Args:
         chain: what the greedy search found.

@@ -31,7 +31,8 @@ def source() -> str:
 
     A law whose source cannot be differentiated has its derivatives by differences.
     """
-    imports, functions, branches = [], [PRELUDE, WEIGH], []
+    imports = ['from hydro_twin.compiled import not_inlined']
+    functions, branches = [PRELUDE, WEIGH], []
     for k, (module, law) in enumerate(LAWS):
         if law is None:
             continue

@@ -4,7 +4,7 @@ from __future__ import annotations
 from hydro_twin.compiled import compiled, inlined
 from hydro_twin.predictors.kernel import observe
 from hydro_twin.predictors.law_derivatives import AFTER, BEFORE, linearise, SIGNAL
-from hydro_twin.predictors.rows import add, clear, combine, put
+from hydro_twin.predictors.rows import add, clear, combine, copy
 
 
 @inlined
@@ -41,7 +41,7 @@ def add_effects(  # type: ignore[no-untyped-def]
         clear(D, i)
     for i in range(len(z)):
         z_next[i] = z[i]
-        put(Z_next, i, 1.0, Z, i)
+    copy(Z_next, Z, len(z))
     for e in range(len(step.effects)):
         effect = step.effects[e]
         if effect.implicit:
