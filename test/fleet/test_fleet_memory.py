@@ -29,7 +29,7 @@ mallinfo = ctypes.CDLL(None).mallinfo2
 mallinfo.restype = Heap
 folder = Path(sys.argv[1])
 task = Task('a', PLANT, (folder / 'bag',), '', True, None, (), 'g', ())
-for k in range(10):
+for k in range(14):
     assert run(task, folder / str(k), 0).traced
     gc.collect()
     print(len(gc.get_objects()), sys.getallocatedblocks(), mallinfo().uordblks)
@@ -73,15 +73,17 @@ def test_a_worker_keeps_nothing_of_its_tasks():
 
 @pytest.mark.slow
 def test_a_trace_leaves_nothing_behind(tmp_path):
-    """From the fifth on, in a process of its own; a hundred or two of the blocks come and go.
+    """From the ninth on, in a process of its own; a hundred or two of the blocks come and go.
 
     Before, imports and caches of a fixed size fill up: matplotlib keeps the last 50 formulas.
+    The heap comes to rest only slowly: 5000 to 9000 B come to be used from the fifth trace to
+    the sixth, less than 3000 from the tenth on.
     """
     record(tmp_path, 'bag', 1)
     process = subprocess.run([sys.executable, '-c', TRACES, tmp_path], capture_output=True,
                              text=True, check=True, cwd=Path(__file__).parent)
-    fifth, *_, last = [tuple(map(int, line.split())) for line in
-                       process.stdout.splitlines()[4:]]
-    assert last[0] - fifth[0] < 5
-    assert last[1] - fifth[1] < 500
-    assert last[2] - fifth[2] < 30_000      # B, on the heap of C; formulas as ticks lose 50,000
+    ninth, *_, last = [tuple(map(int, line.split())) for line in
+                       process.stdout.splitlines()[8:]]
+    assert last[0] - ninth[0] < 5
+    assert last[1] - ninth[1] < 500
+    assert last[2] - ninth[2] < 30_000      # B, on the heap of C; formulas as ticks lose 50,000
