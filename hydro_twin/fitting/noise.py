@@ -23,11 +23,11 @@ ENOUGH = 3000           # samples: they determine a standard deviation to 1.3 %
 # How much process noise moves the output over the start-up time, in measurement noises: less than
 # the first hardly differs from none, more than the second from none on the measurement.
 LEAST, MOST = 0.01, 1e4
-# Where the search looks for its start: measurement noises, in shares of that of second
-# differences, and ratios of process noise. Downhill from too little it leaps to far too much.
-SHARES, RATIOS = (0.1, 1.0), (LEAST, 0.1, 1.0, 10.0, 100.0)
+# Ratios of process noise where the search looks for its start. Downhill from too little it leaps
+# to far too much.
+RATIOS = (LEAST, 0.1, 1.0, 10.0, 100.0)
 STARTS = 3              # best points that a search with sensors starts from: the best may mislead
-SPAN = 10.0             # of the measurement noise, either way, in logarithms
+SPAN = 10.0             # of the noise about its guess, either way, in logarithms
 # Of the likelihood, by which a step of the search must still gain [nat]. The first steps are badly
 # scaled, and gain little: with a hundredth the search stopped there, ten nats from the optimum.
 NAT = 1e-4
@@ -41,11 +41,13 @@ LOST = 1e6              # nats a sample where the observer diverges: worse than 
 class Likelihood:
     """The likelihood of all that was measured, each sample given what came before it.
 
-    Its unknowns are logarithms: the noise of the output, for each state of `reach` its process
-    noise, as a ratio, and the noise of each sensor.
+    Its unknowns are logarithms: for each state of `reach` its process noise, and the noise of each
+    sensor, as ratios to that of the output. At given ratios the size of all noise has a best value
+    in closed form, at which the likelihood is taken (concentrated likelihood).
 
     Attributes:
         predictor: of the model.
+        guess: of the noise of the output.
         parts: what was recorded.
         measured: of each part, the output and the sensors of the plant, (N, 1 + R).
         columns: of these, the sensors that are measured, (K,).
@@ -54,20 +56,27 @@ class Likelihood:
     """
 
     predictor: Analytical
+    guess: float
     parts: Sequence[Series]
     measured: Sequence[FloatArray]
     columns: IntArray
     reach: Mapping[str, float]
     start: Mapping[str, float]
 
-    def noise(self, unknowns: FloatArray) -> Noise:
-        """Return the noise of some unknowns, (1 + D,) without or (1 + D + K,) with sensors."""
-        measurement, *others = map(math.exp, unknowns)
+    def noise(self, unknowns: FloatArray, size: float = 1.0) -> Noise:
+        """Return the noise of some ratios, (D,) without or (D + K,) with sensors.
+
+        Args:
+            unknowns: the ratios.
+            size: of all noise, over the guess.
+        """
+        measurement, ratios = self.guess * size, np.exp(unknowns)
         sensors = self.predictor.plant.sensors
-        return Noise(measurement, {name: measurement * ratio / self.reach[name]
-                                   for name, ratio in zip(self.reach, others, strict=False)},
-                     self.start, sensors={sensors[column - 1].name: value for column, value in zip(
-                         self.columns, others[len(self.reach):], strict=False)})
+        return Noise(measurement, {name: float(measurement * ratio / self.reach[name])
+                                   for name, ratio in zip(self.reach, ratios, strict=False)},
+                     self.start, sensors={
+                         sensors[column - 1].name: float(measurement * ratio) for column, ratio in
+                         zip(self.columns, ratios[len(self.reach):], strict=False)})
 
     def innovations(self, noise: Noise) -> Iterator[tuple[FloatArray, FloatArray]]:
         """Run the observer: innovations and variances of each part, (N - 1, 1 or 1 + R)."""
@@ -80,17 +89,26 @@ class Likelihood:
 
     def loss(self, unknowns: FloatArray) -> float:
         """Return minus the logarithm of the likelihood, over the samples, up to a constant."""
-        total = np.zeros(2)
+        return self.sized(unknowns)[0]
+
+    def sized(self, unknowns: FloatArray) -> tuple[float, float]:
+        """Return that, and the size of all noise over the guess that is best at given ratios."""
+        logarithms, squares, count, samples = 0.0, 0.0, 0, 0
         for innovation, variance in self.innovations(self.noise(unknowns)):
-            terms = (np.log(variance) + innovation ** 2 / variance).ravel()
-            total += 0.5 * np.nansum(terms), len(variance)
             if math.isnan(variance[-1, 0]):
-                return LOST
-        return float(total[0] / total[1])
+                return LOST, 1.0
+            relative = innovation ** 2 / variance
+            there = np.isfinite(relative)
+            logarithms += float(np.log(variance[there]).sum())
+            squares += float(relative[there].sum())
+            count, samples = count + int(there.sum()), samples + len(variance)
+        size = min(max(math.sqrt(squares / count), math.exp(-SPAN)), math.exp(SPAN))
+        return 0.5 * (logarithms + count * 2.0 * math.log(size)
+                      + squares / size ** 2) / samples, size
 
     def spreads(self, alone: FloatArray, sizes: FloatArray) -> FloatArray:
         """Say how far off the sensors are, RMS, where only the output is taken in, (K,)."""
-        deaf = self.noise(np.r_[alone, np.log(DEAF * sizes)])
+        deaf = self.noise(np.r_[alone, np.log(DEAF * sizes / self.guess)])
         left = np.concatenate([innovation[:, self.columns]
                                for innovation, _ in self.innovations(deaf)])
         return np.maximum(np.sqrt(np.nanmean(left ** 2, axis=0)), QUIETEST * sizes)
@@ -130,21 +148,19 @@ def estimate_noise(model: Model, series: Sequence[Series]) -> Noise | None:
     movement = [float(np.std(column[np.isfinite(column)])) if np.isfinite(column).sum() >= SCORED
                 else 0.0 for column in np.concatenate(measured).T]
     columns = 1 + np.flatnonzero(movement[1:])
-    likelihood = Likelihood(predictor, parts, measured, columns, reach, start)
+    likelihood = Likelihood(predictor, guess, parts, measured, columns, reach, start)
 
-    bounds = [(math.log(guess) - SPAN, math.log(guess) + SPAN),
-              *[(math.log(LEAST), math.log(MOST))] * len(reach)]
-    points = [np.log([guess * share, *[ratio] * len(reach)])
-              for share, ratio in product(SHARES, RATIOS)]
+    bounds = [(math.log(LEAST), math.log(MOST))] * len(reach)
+    points = [np.log([ratio] * len(reach)) for ratio in RATIOS]
     if len(columns):
         sizes = np.array(movement)[columns]
-        bounds += zip(np.log(QUIETEST * sizes), np.log(DEAF * sizes), strict=True)
+        bounds += zip(np.log(QUIETEST * sizes / guess), np.log(DEAF * sizes / guess), strict=True)
         # Several sensors tell the process noise of the states apart: it may be on any one. The
         # first ratio is none, which is among the points already.
-        points += [np.log([guess * share, *np.where(np.arange(len(reach)) == k, ratio, LEAST)])
-                   for share, ratio, k in product(SHARES, RATIOS[1:], range(len(reach)))]
-        points = [np.r_[point, point[0] - math.log(guess)
-                        + np.log(likelihood.spreads(point, sizes))] for point in points]
+        points += [np.log(np.where(np.arange(len(reach)) == k, ratio, LEAST))
+                   for ratio, k in product(RATIOS[1:], range(len(reach)))]
+        points = [np.r_[point, np.log(likelihood.spreads(point, sizes) / guess)]
+                  for point in points]
     starts = sorted(points, key=likelihood.loss)[:STARTS if len(columns) else 1]
     found = min((minimize(
         likelihood.loss, begin, method='L-BFGS-B', bounds=bounds,
@@ -152,7 +168,7 @@ def estimate_noise(model: Model, series: Sequence[Series]) -> Noise | None:
         key=lambda one: float(one.fun))
     if not found.fun < LOST:
         return None
-    noise = likelihood.noise(found.x)
+    noise = likelihood.noise(found.x, likelihood.sized(found.x)[1])
     expected = np.concatenate([variance[min(model.start_up, len(variance) // 2):, 0]
                                for _, variance in likelihood.innovations(noise)])
     return replace(noise, innovation=math.sqrt(expected.mean()) if noise.sensors else None)
