@@ -74,8 +74,7 @@ def main() -> None:
             pairs = []
             for seed in range(draws):
                 parts = recorded(excitation, memory, seed)
-                fit = fit_linear(PLANT, parts, PLANT.constant_values(), PLANT.sample_time, 'box',
-                                 timing=False)
+                fit = fit_linear(PLANT, parts, PLANT.constant_values(), PLANT.sample_time)
                 pairs.append((fit, with_coloured_noise(fit, parts)))
             coloured = sum(one is not other for one, other in pairs)
             error, said = (np.array(some) for some in zip(*(

@@ -27,6 +27,7 @@ from hydro_twin.fitting.parts import parts_of
 from hydro_twin.fitting.unknowns import get, label
 from hydro_twin.fleet.factors import Rows, rows_of
 from hydro_twin.fleet.prior import fit_prior
+from hydro_twin.inference.select import LONG, search
 from hydro_twin.plants import Plant, plant_named
 from hydro_twin.plants.plant import FloatArray
 from hydro_twin.recording.rig import rig_of
@@ -86,9 +87,9 @@ def fitted(kind: str, count: int) -> tuple[list[str], FloatArray, list[Rows], Fl
         rng = np.random.default_rng([k, *kind.encode()])
         values = {one: value * np.exp(SCATTER * rng.normal()) for one, value in usual.items()}
         data = recorded(plant, values, excitations, k)
-        fit = fit_linear(plant, parts_of(data.recording, plant), data.rig.constants,
-                         data.recording.sample_time, 'physical', timing=True, starts=1)
-        records.append(record(fit))
+        parts = parts_of(data.recording, plant)
+        fit = fit_linear(plant, parts, data.rig.constants, data.recording.sample_time, starts=1)
+        records.append(record(search(fit.candidate, parts, LONG)))
         truths.append(values)
         print(f'{kind} {k}', file=sys.stderr, flush=True)
     names = [one for one in dict.fromkeys(one for r in records for one in r['names'])

@@ -4,7 +4,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
-from scipy import linalg, signal
+from scipy import linalg, ndimage, signal
 
 from hydro_twin.plants.plant import FloatArray
 from hydro_twin.predictors.scores import rms
@@ -22,10 +22,17 @@ def autoregression(stretches: Sequence[FloatArray], order: int = 6) -> FloatArra
     return np.concatenate([[1.0], -a])
 
 
+def filtered(filter_: FloatArray, columns: FloatArray) -> FloatArray:
+    """Filter columns (N, ...), zero before the first sample, by [b0, b1, ...]."""
+    past: FloatArray = ndimage.convolve1d(columns, filter_, axis=0, mode='constant',
+                                          origin=-(len(filter_) // 2))
+    return past
+
+
 def whiten(stretches: Sequence[FloatArray], filter_: FloatArray) -> FloatArray:
     """Filter every stretch and join them, without the samples that lack a past."""
     cut = len(filter_) - 1
-    return np.concatenate([signal.lfilter(filter_, [1.0], r)[cut:] for r in stretches])
+    return np.concatenate([filtered(filter_, r)[cut:] for r in stretches])
 
 
 def noise_filter(stretches: Sequence[FloatArray]) -> FloatArray:

@@ -14,7 +14,7 @@ from hydro_twin.plants.plant import FloatArray
 from hydro_twin.predictors.scores import rms
 from hydro_twin.predictors.sensitivities import run_parts_with_slopes
 from hydro_twin.predictors.system import IntArray, System
-from hydro_twin.predictors.tangents import NONE, Tangent
+from hydro_twin.predictors.tangents import NONE, tangent_of
 
 MOVES = 0.5             # of the mean square missed: less is left where a run starts otherwise
 NEARER = 0.9            # of the mean square missed: more is left by the last step of a search
@@ -25,8 +25,7 @@ HELD = 0.01             # cost of a deviation from rest, over that of as large a
 DAMPED = (HELD, 0.3, 10.0)      # and of one from the last step
 
 
-def find_starts(system: System, tangent: Tangent, response: FloatArray,
-                inputs: Sequence[FloatArray], measured: Sequence[FloatArray],
+def find_starts(system: System, inputs: Sequence[FloatArray], measured: Sequence[FloatArray],
                 least: Sequence[float], near: Sequence[Start | None]) -> list[Start]:
     """Find the state of each part from which the output is least missed.
 
@@ -38,8 +37,6 @@ def find_starts(system: System, tangent: Tangent, response: FloatArray,
 
     Args:
         system: the model, as it is at the start.
-        tangent: of a step of it by the state only.
-        response: how the output moves with the state, linear laws, (N, n).
         inputs: of the first samples of each part, (N, m) or shorter.
         measured: the output there.
         least: movement of the output of each that is worth following, above zero.
@@ -50,8 +47,8 @@ def find_starts(system: System, tangent: Tangent, response: FloatArray,
     found = dict(_near(system, inputs, measured, sizes, near))
     others = [k for k in range(len(inputs)) if k not in found]
     if others:
-        states = _Search(system, tangent, response, [inputs[k] for k in others],
-                         [measured[k] for k in others], sizes[others]).states()
+        states = _Search(system, [inputs[k] for k in others], [measured[k] for k in others],
+                         sizes[others]).states()
         n = len(system.laws.A)
         found |= {k: _within_edges(system, inputs[k], measured[k], state[:n], state[n:])
                   for k, state in zip(others, states, strict=True)}
@@ -82,12 +79,12 @@ class _Search:
     Parts are padded to the longest. What is beyond their own samples counts for nothing.
     """
 
-    def __init__(self, system: System, tangent: Tangent, response: FloatArray,
-                 inputs: Sequence[FloatArray], measured: Sequence[FloatArray],
-                 sizes: FloatArray) -> None:
+    def __init__(self, system: System, inputs: Sequence[FloatArray],
+                 measured: Sequence[FloatArray], sizes: FloatArray) -> None:
         lengths = np.array([len(one) for one in measured])
         longest = int(lengths.max())
-        self.system, self.tangent = system, tangent
+        self.system, self.tangent = system, tangent_of(system, NONE)
+        response = system.free_response(longest)
         self.inputs = np.stack([np.pad(one, ((0, longest - len(one)), (0, 0)), mode='edge')
                                 for one in inputs])
         self.own = np.arange(longest) < lengths[:, None]
@@ -102,7 +99,7 @@ class _Search:
         self.scale = np.hstack([sizes[:, None] / np.where(shown > 0.0, shown, 1.0), self.width])
         self.n = rest.shape[1]
         self.linear = np.zeros((*self.own.shape, self.scale.shape[1]))
-        self.linear[..., :self.n] = (np.where(self.own[..., None], response[:longest], 0.0)
+        self.linear[..., :self.n] = (np.where(self.own[..., None], response, 0.0)
                                      * self.scale[:, None, :self.n])
         self.state = np.hstack([rest, np.zeros(self.width.shape)])
         self.missed, self.power = self.at(self.state, self.every)

@@ -13,7 +13,7 @@ from hydro_twin.fitting.fit import Fit
 from hydro_twin.fitting.output_error import residuals
 from hydro_twin.fitting.parts import Part
 from hydro_twin.fitting.problem import Problem, solve_all
-from hydro_twin.fitting.unknowns import plant_unknowns, timing_unknowns
+from hydro_twin.fitting.unknowns import plant_unknowns
 from hydro_twin.model import Model
 from hydro_twin.plants import Plant
 from hydro_twin.predictors.scores import rms
@@ -24,9 +24,9 @@ GIVEN = 4               # steps in a sample with given effects: no search refine
 
 
 def fit_linear(plant: Plant, parts: Sequence[Part], constants: Mapping[str, float],
-               sample_time: float, within: str, timing: bool, seed: int = 0,
-               starts: int = 3, effects: tuple[Placed, ...] = ()) -> Fit:
-    """Fit the parameters of the plant from several starts; the best fit is returned.
+               sample_time: float, seed: int = 0, starts: int = 3,
+               effects: tuple[Placed, ...] = ()) -> Fit:
+    """Fit the parameters of a plant within its search box, from several starts; the best fit.
 
     The starts are the middle of the box, the best of random draws in it, and the best fit by the
     one-step error. A residual that effects have bent leads a single start astray. All are searched
@@ -37,15 +37,11 @@ def fit_linear(plant: Plant, parts: Sequence[Part], constants: Mapping[str, floa
         parts: what it is fitted to.
         constants: of the rig.
         sample_time: of the parts [s].
-        within: 'box' or 'physical', see `plant_unknowns`.
-        timing: whether commands may act up to a sample before their stamps say.
         seed: of the draws.
         starts: how many searches are made from the box.
         effects: known ones, which stay as they are.
     """
-    unknowns = plant_unknowns(plant, within)
-    if timing:
-        unknowns += timing_unknowns(plant, sample_time)
+    unknowns = plant_unknowns(plant, 'box')
     rng = np.random.default_rng(seed)
     base = Model(plant, {**constants, **plant.middle()}, sample_time, effects,
                  substeps=GIVEN if effects else SUBSTEPS)

@@ -10,7 +10,6 @@ from hydro_twin.fitting.parts import Part
 from hydro_twin.fitting.start import Start, without_start
 from hydro_twin.model import Model
 from hydro_twin.plants.plant import FloatArray
-from hydro_twin.predictors.scores import rms
 from hydro_twin.predictors.sensitivities import run_parts_with_slopes
 from hydro_twin.predictors.tangents import NONE, Tangent, tangent_of
 
@@ -24,18 +23,17 @@ def initial_states(model: Model, parts: Sequence[Part], near: Sequence[Start] = 
         parts: over which.
         near: starts of a model that differs little, which are searched anew where they miss much.
     """
-    system, tangents = model.system, start_tangents(model)
+    system = model.system
     lengths = [part.beginning(model.start_up) for part in parts]
-    response = system.free_response(max(lengths))
     stages = [system.stage_at(part.start) for part in parts]
     found: dict[int, Start] = {}
     for stage in sorted(set(stages)):
         here = [k for k, other in enumerate(stages) if other == stage]
         found |= zip(here, find_starts(
-            system.stages[stage], tangents[stage], response,
+            system.stages[stage],
             [parts[k].inputs[:lengths[k]] for k in here],
             [parts[k].measured[:lengths[k]] for k in here],
-            [max(1e-3 * rms(parts[k].measured), 1e-12) for k in here],
+            [max(1e-3 * parts[k].size, 1e-12) for k in here],
             [near[k] if near else None for k in here]), strict=True)
     return [found[k] for k in range(len(parts))]
 

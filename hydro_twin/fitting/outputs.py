@@ -16,8 +16,8 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from scipy import signal
 
+from hydro_twin.fitting.autoregression import filtered
 from hydro_twin.fitting.parts import Part, SCORED
 from hydro_twin.plants import Plant
 from hydro_twin.plants.plant import FloatArray
@@ -102,7 +102,7 @@ class Stack:
         for q, filter_ in enumerate(filters):
             own = np.flatnonzero(outputs == q)
             own = own[np.argsort(self.rows[own])]
-            white[own] = signal.lfilter(filter_, [1.0], rows[own], axis=0)
+            white[own] = filtered(filter_, rows[own])
         return white
 
 

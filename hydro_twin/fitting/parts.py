@@ -3,15 +3,17 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 import math
 
 import numpy as np
-from scipy import signal
 
 from hydro_twin.errors import DataError
+from hydro_twin.fitting.autoregression import filtered
 from hydro_twin.plants import Plant
 from hydro_twin.plants.plant import FloatArray
 from hydro_twin.predictors.kernel import LIMIT
+from hydro_twin.predictors.scores import rms
 from hydro_twin.recording.series import Recording
 
 STILL = 0.1             # of the movement of a part: its start is longer where it moves less
@@ -44,10 +46,7 @@ class Part:
 
     def whitened(self, missed: FloatArray) -> FloatArray:
         """Filter what is missed of the output, (N, ...), by the filter of its noise."""
-        if not self.filters:
-            return missed
-        white: FloatArray = signal.lfilter(self.filters[0], [1.0], missed, axis=0)
-        return white
+        return filtered(self.filters[0], missed) if self.filters else missed
 
     def cut(self, first: int, last: int, sample_time: float) -> Part:
         """Take the samples from the first up to the last, which is not among them."""
@@ -64,13 +63,22 @@ class Part:
         Args:
             start_up: of the plant [samples].
         """
-        noise = np.std(np.diff(self.measured, 2)) / math.sqrt(6.0)
-        still = min(STILL * np.std(self.measured), LOST * noise)
         longest = min(LONGEST * start_up, len(self.measured) // 2)
         n = min(start_up, len(self.measured))
-        while n < longest and np.std(self.measured[:n]) <= still:
+        while n < longest and np.std(self.measured[:n]) <= self.still:
             n *= 2
         return n
+
+    @cached_property
+    def still(self) -> float:
+        """How much the output moves where it hardly does, RMS."""
+        noise = np.std(np.diff(self.measured, 2)) / math.sqrt(6.0)
+        return float(min(STILL * np.std(self.measured), LOST * noise))
+
+    @cached_property
+    def size(self) -> float:
+        """RMS of the output."""
+        return rms(self.measured)
 
 
 def parts_of(recording: Recording, plant: Plant) -> list[Part]:

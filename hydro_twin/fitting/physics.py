@@ -132,8 +132,8 @@ def fit_free_run(task: Task) -> Physics:
     free = free.seen_by(sensors_in(parts, free, free.start_samples(sample_time)))
     if free.integrates:
         parts, left_out = moving_windows(parts, free, sample_time)
-    fit = fit_linear(free, parts, {**task.constants, **task.held}, sample_time, 'box',
-                     timing=False, seed=task.seed, effects=task.effects)
+    fit = fit_linear(free, parts, {**task.constants, **task.held}, sample_time,
+                     seed=task.seed, effects=task.effects)
     fit = with_coloured_noise(fit, parts)
     values = {p.name: fit.candidate.values[p.name] for p in free.parameters}
     found = replace(_physics(task, free, values, fit.identifiability(), biased=False),

@@ -74,6 +74,7 @@ def grow(base: Fit, alternatives: Sequence[Alternative], context: Context) -> Ch
         ranked = _memoryless_first(alternatives, chain.fit, context)
         first = ranked[0]
         fit = without_last(chain.fit, first.fit, context.parts)
+        context.remember(fit)
         chain = replace(chain, fit=fit)
         if not likely(fit, first.fit, WORTH):
             break
@@ -81,7 +82,6 @@ def grow(base: Fit, alternatives: Sequence[Alternative], context: Context) -> Ch
         if chain.findings and not _earned(found, fit, first, context.parts):
             break
         better = finely(first.fit, context.parts, FINE_ENOUGH)
-        context.remember(fit)
         context.remember(better)
         chain = exchange(Chain(better, (*chain.findings, found)), context)
         chain = _simplified(_refined(chain, chain.findings[:-1], context), context)
@@ -183,7 +183,7 @@ def without_last(base: Fit, better: Fit, parts: Sequence[Part]) -> Fit:
 
     The gain of a longer search must not be credited to the effect.
     """
-    return min(base, search(better.candidate.without(-1), parts, 40), key=lambda fit: fit.cost)
+    return min(base, search(better.candidate.without(-1), parts, LONG), key=lambda fit: fit.cost)
 
 
 def likely(before: Fit, after: Fit, worth: float) -> bool:
@@ -350,7 +350,7 @@ def finely(fit: Fit, parts: Sequence[Part], finest: int) -> Fit:
         if change < FINE * fit.error:
             break
         candidate = finer
-    return fit if candidate is fit.candidate else search(candidate, parts, 40)
+    return fit if candidate is fit.candidate else search(candidate, parts, LONG)
 
 
 def exchange(chain: Chain, context: Context, last: bool = False,

@@ -15,12 +15,12 @@ from hydro_twin.fitting.coloured import as_measured, is_coloured, whitened
 from hydro_twin.fitting.fit import Fit
 from hydro_twin.fitting.parts import Part
 from hydro_twin.inference.beam import widen
-from hydro_twin.inference.chain import finely, FINEST, grow, settled, supported, without_last
+from hydro_twin.inference.chain import finely, FINEST, grow, settled, supported
 from hydro_twin.inference.context import Context
 from hydro_twin.inference.curve import FittedCurve
 from hydro_twin.inference.findings import Chain
 from hydro_twin.inference.proof import proof
-from hydro_twin.inference.select import Alternative, fit_alternatives, search
+from hydro_twin.inference.select import Alternative, fit_alternatives, LONG, search
 from hydro_twin.inference.weighing import with_curve
 from hydro_twin.model import Model
 
@@ -82,7 +82,7 @@ def _by_likelihood(base: Fit, chain: Chain, context: Context) -> Explanation | N
                     held_out=whitened(context.held_out, chain.fit), known={}, fits={})
     known = [replace(base.candidate, effects=(*given, placed))
              for placed in chain.fit.candidate.effects[len(given):]]
-    there, again, alternatives = _grown(search(base.candidate, white.parts, 40), white, known)
+    there, again, alternatives = _grown(search(base.candidate, white.parts, LONG), white, known)
     wider = widen(again, there, alternatives, white)
     if wider is not again:
         again = _supported(wider, there, white)
@@ -91,7 +91,7 @@ def _by_likelihood(base: Fit, chain: Chain, context: Context) -> Explanation | N
     last = again.fit if found is None else found.fit
     if _ids(last) == _ids(chain.fit):
         return None
-    first = search(chain.fit.candidate, white.parts, 40)
+    first = search(chain.fit.candidate, white.parts, LONG)
     if not proof(first, last, white.held_out, context.seed).low > 0.0:
         return None
     again = _as_measured(again, parts) if again.findings else Chain(base)
@@ -130,9 +130,9 @@ def _grown(base: Fit, context: Context, known: Sequence[Model]
     """
     alternatives = fit_alternatives(base, context.parts, context.times, EVERY, True,
                                     context.progress, known)
-    if alternatives:
-        base = without_last(base, alternatives[0].fit, context.parts)
-    chain = settled(grow(base, alternatives, context), base, context)
+    grown = grow(base, alternatives, context)
+    base = context.best(base)
+    chain = settled(grown, base, context)
     return base, _supported(chain, base, context), alternatives
 
 

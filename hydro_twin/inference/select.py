@@ -42,7 +42,7 @@ from hydro_twin.model import Model
 from hydro_twin.predictors.scores import rms
 
 LEADING, RACING = 6, 4      # effects that promise most; evaluations from two starts of each
-KEPT = 4                # effects that are fitted to convergence
+KEPT = 4                # effects that go on after that, and are fitted to convergence
 SHORT, LONG = 10, 40    # evaluations of a search: to compare, to converge
 WITHIN = 3.0            # ratio to the lowest error beyond which no refinement makes up for it
 HOPELESS = 5.0          # and beyond which no longer search does
@@ -158,8 +158,8 @@ def race(candidates: Sequence[Model], parts: Sequence[Part],
 
     Successive halving [Jamieson and Talwalkar 2016] by effects and ports: first by what a linear
     step from each candidate would leave; then, after a few evaluations, the better of two
-    candidates goes on, of as many effects again. The others stay as they are. What hides may lead
-    only after a search, so it is always searched a little. The evaluations that only rank take few
+    candidates goes on, of fewer effects. The others stay as they are. What hides may lead only
+    after a search, so it is always searched a little. The evaluations that only rank take few
     steps in a sample.
     """
     problems = _problems([replace(candidate, substeps=min(candidate.substeps, SUBSTEPS))
@@ -177,9 +177,9 @@ def race(candidates: Sequence[Model], parts: Sequence[Part],
     short = search_all([fit.candidate for fits in two for fit in fits], parts, RACING)
     better = best_first([best_first(list(islice(short, len(fits))))[0] for fits in two])
     substeps = max((candidate.substeps for candidate in candidates), default=SUBSTEPS)
-    further = search_all([replace(fit.candidate, substeps=substeps) for fit in better[:LEADING]],
+    further = search_all([replace(fit.candidate, substeps=substeps) for fit in better[:KEPT]],
                          parts, SHORT - RACING)
-    return best_first([*further, *better[LEADING:], *(
+    return best_first([*further, *better[KEPT:], *(
         fits[0] for fits, count in zip(ranked, starts, strict=True) if not count)])
 
 

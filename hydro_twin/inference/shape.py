@@ -14,7 +14,7 @@ from scipy import signal
 from scipy.linalg import block_diag
 
 from hydro_twin.effects import Course, Placed
-from hydro_twin.fitting.autoregression import autoregression, whiten
+from hydro_twin.fitting.autoregression import autoregression, filtered, whiten
 from hydro_twin.fitting.fit import Fit
 from hydro_twin.fitting.output_error import residuals
 from hydro_twin.fitting.parts import Part
@@ -53,7 +53,7 @@ def free_curves(fit: Fit, placed: Placed, seen: Sequence[Passing], name: str) ->
     knots = _knots(reach, placed.effect.implicit)
 
     def whitened(columns: FloatArray) -> FloatArray:
-        return signal.lfilter(filter_, [1.0], columns, axis=0)[start_up:]
+        return filtered(filter_, columns)[start_up:]
 
     columns, target, starts = [], [], []
     for p in seen:

@@ -30,6 +30,7 @@ from hydro_twin.inference.proof import improvement, proof, residuals
 from hydro_twin.inference.screen import hidden
 from hydro_twin.inference.select import (
     free_run_error,
+    LONG,
     search,
     search_all,
     unrefined,
@@ -165,9 +166,8 @@ def _search(train: Recording, test: Recording, plant: Plant,
     plain = None
     if model is None:
         plain = fit_linear(plant, whole if recorded <= AT_LAST else fine,
-                           plant.constant_values(constants), sample_time, 'box', timing=False,
-                           seed=seed).candidate
-        before = _linear(plain, fine, seed)
+                           plant.constant_values(constants), sample_time, seed).candidate
+        before = search(plain, fine, LONG)
     else:
         before = search(resampled(replace(
             model, plant=plant, noise=None, record=Record()), sample_time), fine, 1)
@@ -181,7 +181,7 @@ def _search(train: Recording, test: Recording, plant: Plant,
         fine, fine_held_out = whole, held_out
     base = before
     if factor > 1 or model is not None:
-        base = search(resampled(before.candidate, factor * sample_time), parts, 40)
+        base = search(resampled(before.candidate, factor * sample_time), parts, LONG)
     given = len(base.candidate.effects)
     single = [] if known is None else [
         replace(resampled(known, base.candidate.sample_time),
@@ -191,7 +191,7 @@ def _search(train: Recording, test: Recording, plant: Plant,
     base, chain, found, replaced = explained
     if explained.fit is not base:
         bare = replace(explained.fit.candidate, effects=explained.fit.candidate.effects[:given])
-        from_final = search(bare, parts, 40)
+        from_final = search(bare, parts, LONG)
         base, first = min(context.best(base), from_final, key=lambda fit: fit.cost), base
         chain = Chain(base) if chain.fit is first else chain
     after = chain.fit
@@ -242,21 +242,6 @@ def _times(parts: Sequence[Part], sample_time: float) -> tuple[float, float]:
     """Return the stamps [s] of the first and the last sample of all parts."""
     return (1e-9 * min(part.start for part in parts),
             max(1e-9 * part.start + sample_time * (len(part.measured) - 1) for part in parts))
-
-
-def _linear(plain: Model, parts: Sequence[Part], seed: int) -> Fit:
-    """Fit the linear plant within its physical range; no worse than the fit within the box.
-
-    The gain of a better linear fit must not be credited to an effect.
-
-    Args:
-        plain: that fit, as `refit` makes it.
-        parts: what is fitted.
-        seed: of the random starts.
-    """
-    free = fit_linear(plain.plant, parts, plain.values, plain.sample_time, 'physical',
-                      timing=True, seed=seed)
-    return min(free, search(plain, parts, 40), key=lambda fit: fit.cost)
 
 
 def _gain(before: Fit, after: Fit, test: Recording, seed: int) -> tuple[Improvement, bool]:

@@ -39,7 +39,7 @@ def steps(seed, memory, *effects, sensor=None):
 
 
 def fitted(parts):
-    return fit_linear(PLANT, parts, PLANT.constant_values(), DT, 'box', timing=False)
+    return fit_linear(PLANT, parts, PLANT.constant_values(), DT)
 
 
 def test_is_generalised_least_squares():

@@ -28,8 +28,7 @@ def axis(mass, friction, samples=6000):
 def test_an_axis_of_any_size_is_found(mass):
     force, position = axis(mass, 4.0 * mass)
     noise = 1e-4 * np.ptp(position) * np.random.default_rng(1).standard_normal(len(position))
-    fit = fit_linear(PLANT, [Part(force[:, None], position + noise)], {}, T, 'physical',
-                     timing=False)
+    fit = fit_linear(PLANT, [Part(force[:, None], position + noise)], {}, T)
     assert fit.candidate.values['M'] == pytest.approx(mass, rel=0.02)
     assert fit.candidate.values['F_v'] == pytest.approx(4.0 * mass, rel=0.02)
 

@@ -10,7 +10,8 @@ from scipy.integrate import solve_ivp
 from hydro_twin.fitting.fit import Fit
 from hydro_twin.fitting.linear import fit_linear
 from hydro_twin.fitting.parts import Part
-from hydro_twin.fitting.unknowns import Unknown
+from hydro_twin.fitting.problem import Problem
+from hydro_twin.fitting.unknowns import plant_unknowns, Unknown
 from hydro_twin.plants.load_simulator import LOAD_SIMULATOR
 
 T, SAMPLES, D_M = 0.002, 1500, 2e-5
@@ -55,8 +56,8 @@ def integrated(smooth: bool) -> Part:
 
 
 def fitted(part: Part, starts: int = 3) -> Fit:
-    return fit_linear(LOAD_SIMULATOR, [part], {'D_m': D_M}, T, 'physical', timing=False,
-                      starts=starts)
+    fit = fit_linear(LOAD_SIMULATOR, [part], {'D_m': D_M}, T, starts=starts)
+    return Problem(fit.candidate, plant_unknowns(LOAD_SIMULATOR, 'physical'), [part]).solve()
 
 
 def off(fit: Fit) -> dict[str, float]:

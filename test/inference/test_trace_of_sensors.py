@@ -10,7 +10,7 @@ from hydro_twin.fitting.parts import parts_of
 from hydro_twin.fitting.port_signals import predicted_by_ports
 from hydro_twin.inference.criterion import criterion, gain_p_value
 from hydro_twin.inference.screen import screen
-from hydro_twin.inference.select import search
+from hydro_twin.inference.select import LONG, search
 from hydro_twin.inference.structure import drift, free_curves
 from hydro_twin.inference.trace import trace
 from hydro_twin.model import place
@@ -37,8 +37,8 @@ def torque_only(recording):
 def test_the_linear_tools_see_the_output_alone_and_the_criterion_all(rubbing):
     parts = parts_of(rubbing, PLANT)
     plant = PLANT.seen_by(SENSORS)
-    fit = fit_linear(plant, parts, PLANT.constant_values(), 0.002, 'physical', timing=True,
-                     starts=1)
+    fit = fit_linear(plant, parts, PLANT.constant_values(), 0.002, starts=1)
+    fit = search(fit.candidate, parts, LONG)
     scored = sum(len(part.measured) for part in parts) - fit.candidate.start_up
     assert sum(map(len, fit.by_part)) == scored
     assert [len(pieces) for pieces in fit.by_output] == [1, 1, 1, 1]

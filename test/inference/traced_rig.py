@@ -7,6 +7,7 @@ import numpy as np
 
 from hydro_twin.fitting.linear import fit_linear
 from hydro_twin.fitting.parts import parts_of
+from hydro_twin.inference.select import LONG, search
 from hydro_twin.model import place
 from hydro_twin.plants import PLANTS
 from hydro_twin.recording.series import Recording, split
@@ -52,5 +53,5 @@ def fitted(recording):
     """Fit the linear plant; returns (fit, train, test)."""
     train, test = split(recording)
     parts = parts_of(train, PLANT)
-    fit = fit_linear(PLANT, parts, PLANT.constant_values(), 0.002, 'physical', timing=True)
-    return fit, parts, parts_of(test, PLANT)
+    fit = fit_linear(PLANT, parts, PLANT.constant_values(), 0.002)
+    return search(fit.candidate, parts, LONG), parts, parts_of(test, PLANT)

@@ -35,7 +35,7 @@ def fit_free_run(recording: Recording, k_1: float) -> dict[str, Estimate]:
         DataError: no series is long enough, or the opening never moves.
     """
     parts = parts_of(recording, VALVE_SERVO)
-    fit = fit_linear(VALVE_SERVO, parts, {}, recording.series[0].sample_time, 'box', timing=False)
+    fit = fit_linear(VALVE_SERVO, parts, {}, recording.series[0].sample_time)
     values, known = fit.candidate.values, fit.identifiability()
     found = {'T_y': values['T_y'], 'T_c': values['T_c'] / values['k_1'] * k_1,
              'tau': values['tau']}
