@@ -11,7 +11,8 @@ from hydro_twin.fitting.start import Start, without_start
 from hydro_twin.model import Model
 from hydro_twin.plants.plant import FloatArray
 from hydro_twin.predictors.sensitivities import run_parts_with_slopes
-from hydro_twin.predictors.tangents import NONE, Tangent, tangent_of
+from hydro_twin.predictors.system import System
+from hydro_twin.predictors.tangents import Directions, NONE, Tangent, tangent_of
 
 
 def initial_states(model: Model, parts: Sequence[Part], near: Sequence[Start] = ()
@@ -36,6 +37,15 @@ def initial_states(model: Model, parts: Sequence[Part], near: Sequence[Start] = 
             [max(1e-3 * parts[k].size, 1e-12) for k in here],
             [near[k] if near else None for k in here]), strict=True)
     return [found[k] for k in range(len(parts))]
+
+
+def run_with_slopes(system: System, by: Directions, tangents: Sequence[Tangent],
+                    parts: Sequence[Part], starts: Sequence[Start], sensors: Sequence[str] = ()
+                    ) -> list[tuple[FloatArray, FloatArray]]:
+    """Run over parts from their starts, with derivatives, see `run_parts_with_slopes`."""
+    return run_parts_with_slopes(
+        system, by, tangents, [part.inputs for part in parts], [start.x for start in starts],
+        [start.z for start in starts], [part.start for part in parts], sensors)
 
 
 def start_tangents(model: Model) -> tuple[Tangent, ...]:
@@ -72,10 +82,7 @@ def fitted_residuals(model: Model, parts: Sequence[Part]) -> list[FloatArray]:
     See `without_start`. What is not fitted has only its first samples to go by.
     """
     starts, usual = initial_states(model, parts), usual_response(model)
-    runs = run_parts_with_slopes(
-        model.system, NONE, start_tangents(model), [part.inputs for part in parts],
-        [start.x for start in starts], [start.z for start in starts],
-        [part.start for part in parts])
+    runs = run_with_slopes(model.system, NONE, start_tangents(model), parts, starts)
     return [without_start(part.whitened(part.measured - y[0]), part.whitened(slopes[0]), usual,
                           model.start_up, room=start.room).residual
             for part, start, (y, slopes) in zip(parts, starts, runs, strict=True)]

@@ -10,7 +10,11 @@ import numpy as np
 from scipy.optimize import least_squares, lsq_linear
 
 from hydro_twin.fitting.fit import Fit
-from hydro_twin.fitting.output_error import initial_states, usual_response
+from hydro_twin.fitting.output_error import (
+    initial_states,
+    run_with_slopes,
+    usual_response,
+)
 from hydro_twin.fitting.outputs import Pieces, sensors_in, Stack
 from hydro_twin.fitting.parallel import in_processes
 from hydro_twin.fitting.parts import Part
@@ -19,7 +23,6 @@ from hydro_twin.fitting.unknowns import coordinates_of, get, put, Unknown, usual
 from hydro_twin.model import Model
 from hydro_twin.plants.plant import FloatArray
 from hydro_twin.predictors.scores import rms
-from hydro_twin.predictors.sensitivities import run_parts_with_slopes
 from hydro_twin.predictors.system import System
 from hydro_twin.predictors.tangents import Directions, tangents_of
 
@@ -32,6 +35,7 @@ SAME_SCALE = 0.02       # change of the logarithm of a scale that hardly moves t
 SAME_WEIGHT = 2.0       # ratio of two weights that give nearly the same start
 AS_GOOD = 1.02          # RMS from a moved start over what elimination promised: it was right
 SMALL = 0.1             # of the residual: a start that takes off less hardly turns the slopes
+MOST = 1e3              # movements of the output: what a run that diverged misses
 REACH = 1.0             # of a coordinate in one step: a factor of e
 PATIENCE = 5            # evaluations: the radius has shrunk a thousandfold, and no step is better
 CONVERGED = 'converged'
@@ -170,31 +174,24 @@ class Problem:
             near: starts of the parts at other coordinates, which may do here.
         """
         candidate = self.candidate(coordinates)
-        system = candidate.system
-        by, order = self.directions(candidate, system)
-        tangents = tangents_of(system, lambda stage: self.directions(candidate, stage)[0])
-        usual, limit = usual_response(candidate), 1e3 * self.size
+        by, order = self.directions(candidate, candidate.system)
+        tangents = tangents_of(candidate.system,
+                               lambda stage: self.directions(candidate, stage)[0])
+        usual = usual_response(candidate)
         scales = self.size / self.pieces.sizes if scales is None else scales
 
         def run_from(indices: Sequence[int], starts: Sequence[Start],
                      weights: Sequence[float | None]) -> list[Eliminated]:
-            parts = [self.parts[k] for k in indices]
-            runs = run_parts_with_slopes(
-                system, by, tangents, [part.inputs for part in parts],
-                [start.x for start in starts], [start.z for start in starts],
-                [part.start for part in parts], self.sensors)
-            return [eliminated(self.stacks[k], part, *run, start, weight)
-                    for k, part, run, start, weight in zip(indices, parts, runs, starts, weights,
-                                                           strict=True)]
-
-        def eliminated(stack: Stack, part: Part, y: FloatArray, slopes: FloatArray, start: Start,
-                       weight: float | None) -> Eliminated:
-            rows = stack.whitened(stack.pick(slopes, scales), part.filters)
-            missed = stack.whitened(
-                np.clip(np.nan_to_num(stack.pick(stack.measured - y, scales), nan=limit),
-                        -limit, limit), part.filters)
-            return without_start(missed, rows[:, by.count:], usual, stack.first,
-                                 rows[:, :by.count], weight, start.room)
+            """Run over some parts, and eliminate the states at their starts."""
+            runs = run_with_slopes(candidate.system, by, tangents,
+                                   [self.parts[k] for k in indices], starts, self.sensors)
+            found = []
+            for k, run, start, weight in zip(indices, runs, starts, weights, strict=True):
+                missed, rows = self.missed(k, *run, scales)
+                found.append(without_start(missed, rows[:, by.count:], usual,
+                                           self.stacks[k].first, rows[:, :by.count], weight,
+                                           start.room))
+            return found
 
         starts = initial_states(candidate, self.parts, near)
         every = range(len(starts))
@@ -213,6 +210,23 @@ class Problem:
             coordinates, np.concatenate([run.residual for run in runs]),
             np.concatenate([run.slopes for run in runs])[:, np.argsort(order)],
             tuple(run.weight for run in runs), scales, self.pull(coordinates), tuple(starts))
+
+    def missed(self, k: int, y: FloatArray, slopes: FloatArray, scales: FloatArray
+               ) -> tuple[FloatArray, FloatArray]:
+        """Return what a run over part k misses, and its derivatives, as they count in the fit.
+
+        Scaled and filtered; a run that diverged misses much, but no more than a finite amount.
+
+        Args:
+            k: which part.
+            y: output and sensors, (1 + K, N).
+            slopes: their derivatives, (1 + K, N, D).
+            scales: of output and sensors, (1 + K,).
+        """
+        stack, filters, most = self.stacks[k], self.parts[k].filters, MOST * self.size
+        missed = np.nan_to_num(stack.pick(stack.measured - y, scales), nan=most)
+        return (stack.whitened(np.clip(missed, -most, most), filters),
+                stack.whitened(stack.pick(slopes, scales), filters))
 
     def bounds(self) -> tuple[FloatArray, FloatArray]:
         """Lower and upper bounds of the coordinates."""
