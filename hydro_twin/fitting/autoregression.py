@@ -24,9 +24,9 @@ def autoregression(stretches: Sequence[FloatArray], order: int = 6) -> FloatArra
 
 def filtered(filter_: FloatArray, columns: FloatArray) -> FloatArray:
     """Filter columns (N, ...), zero before the first sample, by [b0, b1, ...]."""
-    past: FloatArray = ndimage.convolve1d(columns, filter_, axis=0, mode='constant',
-                                          origin=-(len(filter_) // 2))
-    return past
+    found: FloatArray = ndimage.convolve1d(columns, filter_, axis=0, mode='constant',
+                                           origin=-(len(filter_) // 2))
+    return found
 
 
 def whiten(stretches: Sequence[FloatArray], filter_: FloatArray) -> FloatArray:

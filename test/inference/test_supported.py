@@ -10,7 +10,14 @@ from scipy.signal import lfilter
 from traced_rig import fitted, PLANT, record
 
 from hydro_twin.fitting.output_error import residuals
-from hydro_twin.inference.chain import _proven, _simplified, exchange, likely, supported
+from hydro_twin.inference.chain import (
+    _proven,
+    _simplified,
+    _without_refuted,
+    exchange,
+    likely,
+    supported,
+)
 from hydro_twin.inference.context import Context
 from hydro_twin.inference.criterion import whitened_gain
 from hydro_twin.inference.findings import Chain, explained_share, Finding
@@ -207,3 +214,18 @@ def test_an_effect_that_another_replaces_as_a_simpler_law_stays(grown, monkeypat
         lambda fit, parts, index: names(Chain(fit)) != ['hysteresis'] or index != 0)
     monkeypatch.setattr(f'{module}.exchange', lambda chain, context, last: chain)
     assert names(_proven(chain, alone, context)) == ['bias']
+
+
+@pytest.mark.parametrize(('gain', 'refuted'), [
+    (Improvement(1e-4, 2e-5, 2e-4), False),         # sure, and next to nothing
+    (Improvement(0.3, -0.1, 0.4), False),
+    (Improvement(0.3, 0.2, 0.4), True),
+])
+def test_a_rival_is_refuted_where_held_out_data_tell_as_much_as_distinguishes_laws(
+        grown, monkeypatch, gain, refuted):
+    chain, _, context = grown(FRICTION, BIAS)
+    rival = place('bias', 'sensor', {'offset': -2.0}, PLANT), 1.0
+    friction, bias = chain.findings
+    chain = replace(chain, findings=(friction, replace(bias, rivals=(rival,))))
+    monkeypatch.setattr('hydro_twin.inference.chain.proof', lambda *_: gain)
+    assert _without_refuted(chain, context).findings[1].rivals == (() if refuted else (rival,))

@@ -236,26 +236,43 @@ def test_where_the_model_is_right_only_the_noise_is_left(rig):
     assert missed['observer'] < min(missed['one_step'], 1.01 * missed['free_run'])
 
 
-@pytest.mark.parametrize('seed', range(3))
-def test_no_noise_of_the_process_is_found_where_none_explains_the_measurement_better(seed):
+def noisy(seed):
+    """Return a recording of the linear plant with noise of 0.6 N m."""
     rng = np.random.default_rng(seed)
     command, shaft = excited(rng)
     series = simulate(LOAD, values_of(LOAD), [], {'u_m': command, 'theta_d': shaft}, 3.0)
     series.columns['T_g'][:] += 0.6 * rng.standard_normal(len(series))
-    model = model_of(LOAD)
-    found = estimate_noise(model, [series])
+    return series
 
-    def loss(noise):
-        predictor = Analytical(replace(model, noise=noise))
-        observed, _ = Observer(predictor.system, noise).run(
-            predictor.inputs(series), series['T_g'][:, None])
-        left, variance = series['T_g'][1:] - observed[1:, 0], observed[1:, 1]
-        return 0.5 * np.sum(np.log(variance) + left ** 2 / variance)
 
-    measurement = [0.98, 1.0, 1.02]
-    without = min(loss(replace(found, measurement=share * found.measurement, process={
-        state: 1e-3 * value for state, value in found.process.items()})) for share in measurement)
-    assert loss(found) < without + 0.1
+def loss(series, noise):
+    """Return minus the logarithm of the likelihood of the torque."""
+    predictor = Analytical(replace(model_of(LOAD), noise=noise))
+    observed, _ = Observer(predictor.system, noise).run(
+        predictor.inputs(series), series['T_g'][:, None])
+    left, variance = series['T_g'][1:] - observed[1:, 0], observed[1:, 1]
+    return 0.5 * np.sum(np.log(variance) + left ** 2 / variance)
+
+
+@pytest.mark.parametrize('seed', range(3))
+def test_no_noise_of_the_process_is_found_where_none_explains_the_measurement_better(seed):
+    series = noisy(seed)
+    found = estimate_noise(model_of(LOAD), [series])
+    without = min(loss(series, replace(
+        found, measurement=share * found.measurement,
+        process={state: 1e-3 * value for state, value in found.process.items()}))
+        for share in (0.98, 1.0, 1.02))
+    assert loss(series, found) < without + 0.1
+
+
+@pytest.mark.parametrize('seed', range(3))
+def test_no_other_size_of_all_noise_is_likelier(seed):
+    series = noisy(seed)
+    found = estimate_noise(model_of(LOAD), [series])
+    for share in (0.95, 1.05):
+        assert loss(series, found) < loss(series, replace(
+            found, measurement=share * found.measurement,
+            process={state: share * value for state, value in found.process.items()}))
 
 
 def test_where_the_model_is_wrong_it_beats_both_other_modes():
