@@ -3,6 +3,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, field, replace
+from itertools import islice
 import math
 
 from hydro_twin.effects import Placed
@@ -57,23 +58,23 @@ class Context:
     def without(self, fit: Fit, indices: Iterable[int]) -> list[Fit]:
         """Take each of some effects out by itself, and fit the rest again.
 
-        From the best fit known with the same effects, if there is one: the values beside an
-        effect are a poor start without it.
+        From its present values and from those of the best fit known with the same effects: the
+        values beside an effect are a poor start without it.
         """
-        bare = [self._known(fit.candidate.without(index)) for index in indices]
-        best = list(search_all(bare, self.parts, LONG))
+        starts = []
+        for index in indices:
+            bare = fit.candidate.without(index)
+            starts.append([bare])
+            if known := self.fits.get(effects_of(bare)):
+                placed = {_name(p): p for p in known.candidate.effects}
+                starts[-1].append(replace(
+                    known.candidate, substeps=bare.substeps,
+                    effects=tuple(placed[_name(p)] for p in bare.effects)))
+        fits = search_all([start for some in starts for start in some], self.parts, LONG)
+        best = [min(islice(fits, len(some)), key=lambda fit: fit.cost) for some in starts]
         for fit in best:
             self.remember(fit)
         return best
-
-    def _known(self, candidate: Model) -> Model:
-        """Take the values of the best fit known with the effects of a candidate, if any is."""
-        known = self.fits.get(effects_of(candidate))
-        if known is None:
-            return candidate
-        placed = {_name(p): p for p in known.candidate.effects}
-        return replace(known.candidate, substeps=candidate.substeps,
-                       effects=tuple(placed[_name(p)] for p in candidate.effects))
 
 
 def effects_of(candidate: Model) -> frozenset[str]:

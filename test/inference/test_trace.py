@@ -6,7 +6,7 @@ import math
 
 import numpy as np
 import pytest
-from traced_rig import fitted, PLANT, record, VALUES
+from traced_rig import PLANT, record, VALUES
 import yaml
 
 from hydro_twin.commands.main import main, plain
@@ -225,18 +225,6 @@ def test_held_out_data_tell_apart_what_the_training_data_cannot():
     assert named(report) == [('end_stop', 'actuator')]
     assert 'saturation' not in {r['id'] for r in report['effects'][0]['rivals']
                                 if r['delta_bic'] < 10.0}
-
-
-def test_the_linear_fit_is_no_worse_than_that_of_refit(monkeypatch):
-    """Though its own search ends in a local minimum."""
-    fit, parts, _ = fitted(record(count=1, duration=1.2))
-    astray = replace(fit, residual=3.0 * fit.residual)
-    module = importlib.import_module('hydro_twin.inference.trace')
-    monkeypatch.setattr(module, 'fit_linear', lambda *_, **__: astray)
-    assert module._linear(fit.candidate, parts, 0).error < 1.001 * fit.error
-    monkeypatch.setattr(module, 'fit_linear', lambda *_, **__: replace(
-        fit, residual=0.1 * fit.residual))
-    assert module._linear(fit.candidate, parts, 0).error == pytest.approx(0.1 * fit.error)
 
 
 @pytest.mark.slow
