@@ -48,11 +48,6 @@ def run_with_slopes(system: System, by: Directions, tangents: Sequence[Tangent],
         [start.z for start in starts], [part.start for part in parts], sensors)
 
 
-def start_tangents(model: Model) -> tuple[Tangent, ...]:
-    """Derive a step of each stage of the system by the state at the start."""
-    return tuple(tangent_of(system, NONE) for system in model.system.stages)
-
-
 def usual_response(model: Model) -> FloatArray:
     """RMS of the output's response to the state at the start, linear laws, (n,)."""
     response: FloatArray = np.sqrt(np.mean(
@@ -82,7 +77,8 @@ def fitted_residuals(model: Model, parts: Sequence[Part]) -> list[FloatArray]:
     See `without_start`. What is not fitted has only its first samples to go by.
     """
     starts, usual = initial_states(model, parts), usual_response(model)
-    runs = run_with_slopes(model.system, NONE, start_tangents(model), parts, starts)
+    tangents = [tangent_of(stage, NONE) for stage in model.system.stages]
+    runs = run_with_slopes(model.system, NONE, tangents, parts, starts)
     return [without_start(part.whitened(part.measured - y[0]), part.whitened(slopes[0]), usual,
                           model.start_up, room=start.room).residual
             for part, start, (y, slopes) in zip(parts, starts, runs, strict=True)]

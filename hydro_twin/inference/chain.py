@@ -273,11 +273,14 @@ def _without_refuted(chain: Chain, context: Context) -> Chain:
     training data may not show. An offset here or there differs by a ten-thousandth, which may be
     sure and says nothing.
     """
-    kept, samples = [], effective_samples(residuals(chain.fit, context.held_out))
+    if not chain.findings:
+        return chain
+    after, kept = residuals(chain.fit, context.held_out), []
+    least = CLEARLY / effective_samples(after)
     for k, found in enumerate(chain.findings):
         refuted = [rival for rival, fit in _close_rivals(chain, k, context)
-                   if samples * proof(fit, chain.fit, context.held_out,
-                                      context.seed).low > CLEARLY]
+                   if surer_improvement(residuals(fit, context.held_out), after,
+                                        context.seed).low > least]
         kept.append(replace(found, rivals=tuple(
             rival for rival in found.rivals if rival not in refuted)))
     return replace(chain, findings=tuple(kept))

@@ -227,5 +227,5 @@ def test_a_rival_is_refuted_where_held_out_data_tell_as_much_as_distinguishes_la
     rival = place('bias', 'sensor', {'offset': -2.0}, PLANT), 1.0
     friction, bias = chain.findings
     chain = replace(chain, findings=(friction, replace(bias, rivals=(rival,))))
-    monkeypatch.setattr('hydro_twin.inference.chain.proof', lambda *_: gain)
+    monkeypatch.setattr('hydro_twin.inference.chain.surer_improvement', lambda *_: gain)
     assert _without_refuted(chain, context).findings[1].rivals == (() if refuted else (rival,))

@@ -10,6 +10,8 @@ from traced_rig import PLANT, record, VALUES
 import yaml
 
 from hydro_twin.commands.main import main, plain
+from hydro_twin.fitting.linear import fit_linear
+from hydro_twin.fitting.parts import parts_of
 from hydro_twin.inference.trace import evidence, trace
 from hydro_twin.inference.verdict import verdict_of
 from hydro_twin.model import place, read_model
@@ -225,6 +227,12 @@ def test_held_out_data_tell_apart_what_the_training_data_cannot():
     assert named(report) == [('end_stop', 'actuator')]
     assert 'saturation' not in {r['id'] for r in report['effects'][0]['rivals']
                                 if r['delta_bic'] < 10.0}
+
+
+def test_the_linear_fit_is_no_worse_than_that_of_refit():
+    train, test = split(record(count=1, duration=1.2))
+    refit = fit_linear(PLANT, parts_of(train, PLANT), PLANT.constant_values(), 0.002)
+    assert evidence(train, test, PLANT).before.error < 1.001 * refit.error
 
 
 @pytest.mark.slow
