@@ -150,7 +150,7 @@ class Followed:
             step.M.size, step.H.size, len(step.p), len(step.shift), K)]
         moves = slow.H_slopes.any(axis=0).reshape(step.H.shape)
         return (step._replace(M=step.M.copy(), H=step.H.copy(), p=step.p.copy()),
-                Tangent(rows[0], rows[1], moves, rows[2], rows[3], False,
+                Tangent(rows[0], rows[1], moves, rows[2], rows[3], np.empty(0, dtype=np.int64),
                         tangent.compliance.copy(), rows[4], bool(slow.M_slopes.any()), columns))
 
 

@@ -12,7 +12,7 @@ def input_rows(step, tangent, part, inputs, k, U0, U1):  # type: ignore[no-untyp
 
     Where the later or earlier time is that of a sample, they are those of acting earlier.
     """
-    for j in range(len(step.shift)):
+    for j in tangent.shifts:
         begin = part / step.substeps - step.shift[j]
         end = (part + 1) / step.substeps - step.shift[j]
         if step.held[j]:

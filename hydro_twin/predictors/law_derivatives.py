@@ -5,58 +5,90 @@ import math
 
 from hydro_twin.compiled import inlined
 from hydro_twin.predictors.linearise import average, differentiate, straight
-from hydro_twin.predictors.rows import add, put, WIDTH
+from hydro_twin.predictors.rows import add, clear, WIDTH
 
-# The rows of `Rows.spare`: value before and after an effect, and the two signals it reads.
+# The rows of `Rows.spare`: the value that reaches an effect, what it gives, the two signals it
+# reads.
 BEFORE, AFTER, SIGNAL = 0, 1, 2
 SPARE = 4
 
 
 @inlined
-def linearise(  # type: ignore[no-untyped-def]
-        step, tangent, e, v, s, z, h, c, z_next, Z, Z_next, spare, g):
-    """Return what the law of effect e gives; its derivatives go to spare[AFTER] and Z_next.
+def differentiate_law(step, e, v, s, z, h, c, z_next, g):  # type: ignore[no-untyped-def]
+    """Return what the law of effect e gives, with its partial derivatives in g[0]."""
+    effect = step.effects[e]
+    p, first, last = step.p[effect.p_begin:effect.p_end], effect.z_begin, effect.z_end
+    return differentiate(effect.code, v, s, p, z[first:last], h, c, z_next[first:last],
+                         g[0, :1 + last - first, :4 + len(p) + last - first])
 
-    Those of the value v and of the signals s are in spare. Where they are roots of covariances,
-    the law is made linear over those.
+
+@inlined
+def reads(step, tangent, e, column, usual, g):  # type: ignore[no-untyped-def]
+    """Whether what an effect adds depends on the value that reaches it, or on a signal.
+
+    That is a column of the partial derivatives; `usual` is what it is where nothing is added.
+    """
+    effect = step.effects[e]
+    depends = tangent.rest >= 0 or g[0, 0, column] != usual
+    for i in range(effect.z_end - effect.z_begin):
+        depends = depends or g[0, 1 + i, column] != 0.0
+    return depends
+
+
+@inlined
+def linearise(  # type: ignore[no-untyped-def]
+        step, tangent, e, v, value, s, z, h, c, z_next, spare, g, out, row):
+    """Make a law linear over covariances, of which the derivatives in spare are roots.
+
+    Returns what it gives on average, beside the value that it gives at the best guess. What no
+    line explains of it goes to a column of its own of a row of out.
     """
     effect = step.effects[e]
     p, first, last = step.p[effect.p_begin:effect.p_end], effect.z_begin, effect.z_end
     own, kept = z[first:last], z_next[first:last]
     used = g[0, :1 + last - first, :4 + len(p) + last - first]
-    value = differentiate(effect.code, v, s, p, own, h, c, kept, used)
-    beside = 0.0
-    if tangent.rest >= 0:
-        read = SIGNAL if effect.signal_0 >= 0 else BEFORE
-        square = product = 0.0
-        for q in range(tangent.rest):
-            by = spare[read, q // WIDTH, q % WIDTH]
-            square += by * by
-            product += by * spare[BEFORE, q // WIDTH, q % WIDTH]
-        ds = math.sqrt(square)
-        dv = product / ds if ds > 0.0 else 0.0
-        if read == BEFORE:
-            ds = 0.0
-        if square > 0.0:
-            spent = g[1, 0, :last - first]
-            if not straight(effect.code, v, s, p, own, h, c, spent, used, value, dv, ds):
-                value, beside = average(effect.code, v, s, p, own, h, c, kept, used,
-                                        g[1, :1 + last - first, :5 + len(p) + last - first],
-                                        dv, ds)
-    chain(used[0], step, tangent, e, Z, spare, spare, AFTER)
-    if tangent.rest >= 0:
-        q = tangent.rest + e
-        spare[AFTER, q // WIDTH, q % WIDTH] += beside
-    for i in range(last - first):
-        chain(used[1 + i], step, tangent, e, Z, spare, Z_next, first + i)
+    read = SIGNAL if effect.signal_0 >= 0 else BEFORE
+    square = product = beside = 0.0
+    for q in range(tangent.rest):
+        by = spare[read, q // WIDTH, q % WIDTH]
+        square += by * by
+        product += by * spare[BEFORE, q // WIDTH, q % WIDTH]
+    ds = math.sqrt(square)
+    dv = product / ds if ds > 0.0 else 0.0
+    if read == BEFORE:
+        ds = 0.0
+    if square > 0.0:
+        spent = g[1, 0, :last - first]
+        if not straight(effect.code, v, s, p, own, h, c, spent, used, value, dv, ds):
+            value, beside = average(effect.code, v, s, p, own, h, c, kept, used,
+                                    g[1, :1 + last - first, :5 + len(p) + last - first],
+                                    dv, ds)
+    q = tangent.rest + e
+    out[row, q // WIDTH, q % WIDTH] += beside
     return value
 
 
 @inlined
-def chain(g, step, tangent, e, Z, spare, out, i):  # type: ignore[no-untyped-def]
-    """Write the derivatives of what the law of effect e gives, from its partial derivatives g."""
+def add_chain(  # type: ignore[no-untyped-def]
+        step, tangent, e, usual, Z, Z_next, spare, g, out, row):
+    """Add the derivatives of what effect e adds to a row of out, and write those of its memory.
+
+    `usual` is what the derivative by the value that reaches it would be if it added nothing.
+    """
     effect = step.effects[e]
-    put(out, i, g[0], spare, BEFORE)
+    g[0, 0, 0] -= usual
+    chain(g[0, 0], step, tangent, e, Z, spare, out, row)
+    for i in range(effect.z_end - effect.z_begin):
+        clear(Z_next, effect.z_begin + i)
+        chain(g[0, 1 + i], step, tangent, e, Z, spare, Z_next, effect.z_begin + i)
+
+
+@inlined
+def chain(g, step, tangent, e, Z, spare, out, i):  # type: ignore[no-untyped-def]
+    """Add to a row of out what follows from the partial derivatives g of effect e."""
+    effect = step.effects[e]
+    if g[0] != 0.0:
+        add(out, i, g[0], spare, BEFORE)
     for k in range(2):
         if g[1 + k] != 0.0:
             add(out, i, g[1 + k], spare, SIGNAL + k)

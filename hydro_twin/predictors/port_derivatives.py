@@ -3,8 +3,15 @@ from __future__ import annotations
 
 from hydro_twin.compiled import compiled, inlined
 from hydro_twin.predictors.kernel import observe
-from hydro_twin.predictors.law_derivatives import AFTER, BEFORE, linearise, SIGNAL
-from hydro_twin.predictors.rows import add, clear, combine, copy
+from hydro_twin.predictors.law_derivatives import (
+    add_chain,
+    BEFORE,
+    differentiate_law,
+    linearise,
+    reads,
+    SIGNAL,
+)
+from hydro_twin.predictors.rows import add, clear, combine
 
 
 @inlined
@@ -20,10 +27,11 @@ def observe_rows(step, tangent, row, x, u, d, X, U, D, out, i):  # type: ignore[
         if moves[row, j]:
             add(out, i, x[j], dH, at + j)
     for j in range(m):
-        if H[row, n + j] != 0.0 and tangent.shifts:
-            add(out, i, H[row, n + j], U, j)
         if moves[row, n + j]:
             add(out, i, u[j], dH, at + n + j)
+    for j in tangent.shifts:
+        if H[row, n + j] != 0.0:
+            add(out, i, H[row, n + j], U, j)
     for j in step.active:
         if H[row, n + m + j] != 0.0:
             add(out, i, H[row, n + m + j], D, j)
@@ -34,45 +42,51 @@ def observe_rows(step, tangent, row, x, u, d, X, U, D, out, i):  # type: ignore[
 @inlined
 def add_effects(  # type: ignore[no-untyped-def]
         step, tangent, x, u, z, h, s, z_next, d, X, U, D, Z, Z_next, spare, g):
-    """Do what `kernel.add_effects` does, and write the derivatives into D and Z_next."""
+    """Do what `kernel.add_effects` does, and write the derivatives into D and Z_next.
+
+    Only of what a law depends on: a limit that is not reached adds nothing, whatever reaches it.
+    """
     H, active = step.H, step.active
     for i in active:
         d[i] = 0.0
         clear(D, i)
     for i in range(len(z)):
         z_next[i] = z[i]
-    copy(Z_next, Z, len(z))
     for e in range(len(step.effects)):
         effect = step.effects[e]
         if effect.implicit:
             continue
         port = effect.port
         before = observe(H, port, x, u, d, active) + d[port]
-        observe_rows(step, tangent, port, x, u, d, X, U, D, spare, BEFORE)
-        add(spare, BEFORE, 1.0, D, port)
         if effect.signal_0 >= 0:
             s[0] = observe(H, effect.signal_0, x, u, d, active)
-            observe_rows(step, tangent, effect.signal_0, x, u, d, X, U, D, spare, SIGNAL)
         if effect.signal_1 >= 0:
             s[1] = observe(H, effect.signal_1, x, u, d, active)
+        after = differentiate_law(step, e, before, s, z, h, 0.0, z_next, g)
+        if reads(step, tangent, e, 0, 1.0, g):
+            observe_rows(step, tangent, port, x, u, d, X, U, D, spare, BEFORE)
+            add(spare, BEFORE, 1.0, D, port)
+        if effect.signal_0 >= 0 and reads(step, tangent, e, 1, 0.0, g):
+            observe_rows(step, tangent, effect.signal_0, x, u, d, X, U, D, spare, SIGNAL)
+        if effect.signal_1 >= 0 and reads(step, tangent, e, 2, 0.0, g):
             observe_rows(step, tangent, effect.signal_1, x, u, d, X, U, D, spare, SIGNAL + 1)
-        after = linearise(step, tangent, e, before, s, z, h, 0.0, z_next, Z, Z_next, spare, g)
+        if tangent.rest >= 0:
+            after = linearise(step, tangent, e, before, after, s, z, h, 0.0, z_next, spare, g, D,
+                              port)
         d[port] += after - before
-        add(D, port, 1.0, spare, AFTER)
-        add(D, port, -1.0, spare, BEFORE)
+        add_chain(step, tangent, e, 1.0, Z, Z_next, spare, g, D, port)
 
 
 @compiled
-def add_to_port(  # type: ignore[no-untyped-def]
-        step, tangent, out, port, first, times, values, v, rows, j):
-    """Add the derivatives of what a value at a port does to the state at the end of a step.
+def add_to_port(step, tangent, out, port, v, at, D, j, apart):  # type: ignore[no-untyped-def]
+    """Add the derivatives of what values at a port do to the state at the end of a step.
 
-    It is values[v], with its derivatives in row j of rows. `first` and `times` say when it is
-    there: at the start of the step (0, 1), at its end (1, 1), or at both (0, 2).
+    At its start the value is v[at], with its derivatives in row j of D; at its end each is `apart`
+    further on.
     """
     M, n, m = step.M, len(step.M), len(step.shift)
     width, P = M.shape[1], step.H.shape[1] - n - m
-    at = n + 2 * m + port + first * P
-    combine(out, n, False, M, at, width, P, rows, j, 0, 0, times)
-    if tangent.moving and values[v] != 0.0:
-        combine(out, n, False, values, v, 0, 0, tangent.M, at, width, P, times)
+    column = n + 2 * m + port
+    combine(out, n, False, M, column, width, P, D, j, 0, apart, 2)
+    if tangent.moving and (v[at] != 0.0 or v[at + apart] != 0.0):
+        combine(out, n, False, v, at, 0, apart, tangent.M, column, width, P, 2)

@@ -27,47 +27,39 @@ UNBOUNDED = 1e50        # of a derivative: its products in a fit would overflow
 
 
 @compiled
-def run(  # type: ignore[no-untyped-def]
-        step, tangent, x, z, work, rows, g, inputs, sensors, y, dy, first, last):
-    """Fill y (N, 1 + K) with output and sensors, dy (N, 1 + K, D) with their derivatives.
-
-    At first <= k < last; `sensors` are rows of H, (K,). x, z and rows are those of the sample
-    before the first, and are moved. A run that diverges is left at nan from there on, its
-    derivatives at 0.
-    """
-    for k in range(first, last):
-        if k > 0:
-            advance(step, tangent, x, z, work, rows, g, inputs, k)
-        y[k, 0] = output(step, tangent, x, z, work, rows, g, inputs, k, dy[k, 0])
-        if not abs(y[k, 0]) < LIMIT:
-            y[k:] = float('nan')
-            dy[k:] = 0.0
-            return
-        for q in range(len(sensors)):
-            y[k, 1 + q] = read_sensor(step, tangent, sensors[q], x, z, work, rows, dy[k, 1 + q])
-
-
-@compiled
 def run_stretches(  # type: ignore[no-untyped-def]
         step, tangent, x, z, template, work, rows, g, inputs, sensors, y, dy, stretches):
-    """Do what `run` does for stretches (R, 5) of parts that follow one another in the arrays.
+    """Fill y (N, 1 + K) with output and sensors, dy (N, 1 + K, D) with their derivatives.
 
-    Of each stretch its part, where that begins and ends, and its first and last sample there. x
+    Over stretches (R, 5) of parts that follow one another in the arrays: of each its part, where
+    that begins and ends, and its first and last sample there. `sensors` are rows of H, (K,). x
     (P, n) and z (P, memory) of the parts are moved. Derivatives are those of the template at the
-    start of a part, and go on from there within it.
+    start of a part, and go on from there within it. A run that diverges is left at nan from there
+    on, its derivatives at 0.
     """
     for r in range(len(stretches)):
         part, begin, end = stretches[r, 0], stretches[r, 1], stretches[r, 2]
         first, last = stretches[r, 3], stretches[r, 4]
+        given, state, memory = inputs[begin:end], x[part], z[part]
         if first == 0:
-            for i in range(x.shape[1]):
+            for i in range(len(state)):
                 put(rows.X, i, 1.0, template, i)
-            for i in range(z.shape[1]):
-                put(rows.Z, i, 1.0, template, x.shape[1] + i)
+            for i in range(len(memory)):
+                put(rows.Z, i, 1.0, template, len(state) + i)
         elif y[begin + first - 1, 0] != y[begin + first - 1, 0]:
             continue
-        run(step, tangent, x[part], z[part], work, rows, g, inputs[begin:end], sensors,
-            y[begin:end], dy[begin:end], first, last)
+        for k in range(first, last):
+            at = begin + k
+            if k > 0:
+                advance(step, tangent, state, memory, work, rows, g, given, k)
+            y[at, 0] = output(step, tangent, state, memory, work, rows, g, given, k, dy[at, 0])
+            if not abs(y[at, 0]) < LIMIT:
+                y[at:end] = float('nan')
+                dy[at:end] = 0.0
+                break
+            for q in range(len(sensors)):
+                y[at, 1 + q] = read_sensor(step, tangent, sensors[q], state, memory, work, rows,
+                                           dy[at, 1 + q])
 
 
 @compiled

@@ -15,7 +15,16 @@ from hydro_twin.plants.plant import FloatArray
 from hydro_twin.predictors import kernel
 from hydro_twin.predictors.input_derivatives import input_rows, slope_at
 from hydro_twin.predictors.kernel import inputs_over, interpolated, observe
-from hydro_twin.predictors.law_derivatives import AFTER, BEFORE, linearise, SIGNAL, SPARE
+from hydro_twin.predictors.law_derivatives import (
+    add_chain,
+    AFTER,
+    BEFORE,
+    differentiate_law,
+    linearise,
+    reads,
+    SIGNAL,
+    SPARE,
+)
 from hydro_twin.predictors.port_derivatives import add_effects, add_to_port, observe_rows
 from hydro_twin.predictors.rows import add, clear, combine, copy, put, WIDTH, zeros
 from hydro_twin.predictors.system import System
@@ -27,7 +36,7 @@ class Rows(NamedTuple):
     Attributes:
         X, Z: of the state and the memory.
         U: of the inputs at the start of a part of the step, then at its end.
-        D0, D1: of what effects add to the ports there.
+        D: of what effects add to the ports there, likewise.
         L: of the state at the end by the linear laws, then with all that is added.
         A: of that predicted from what is added at the start.
         Z_next: of the memory at the end.
@@ -37,8 +46,7 @@ class Rows(NamedTuple):
     X: FloatArray
     Z: FloatArray
     U: FloatArray
-    D0: FloatArray
-    D1: FloatArray
+    D: FloatArray
     L: FloatArray
     A: FloatArray
     Z_next: FloatArray
@@ -49,7 +57,7 @@ def _counts(system: System) -> tuple[int, ...]:
     """Say how many rows there are of each kind, in the order of `Rows`."""
     n, m, W, P = (len(system.laws.A), len(system.step.shift), system.memory,
                   len(system.plant.ports))
-    return n, W, 2 * m, P, P, n, n, W, SPARE
+    return n, W, 2 * m, 2 * P, n, n, W, SPARE
 
 
 def rows_for(system: System, blocks: int) -> Rows:
@@ -66,11 +74,11 @@ def room_for(system: System, blocks: int) -> FloatArray:
 def divided(X, Z, room, m, P):  # type: ignore[no-untyped-def]
     """Make `Rows` of X, Z and room for the others: to pass one array takes a tenth of ten."""
     n, W = len(X), len(Z)
-    D0 = 2 * m
-    L = D0 + 2 * P
+    D = 2 * m
+    L = D + 2 * P
     Z_next = L + 2 * n
-    return Rows(X, Z, room[:D0], room[D0:D0 + P], room[D0 + P:L], room[L:L + n],
-                room[L + n:Z_next], room[Z_next:Z_next + W], room[Z_next + W:])
+    return Rows(X, Z, room[:D], room[D:L], room[L:L + n], room[L + n:Z_next],
+                room[Z_next:Z_next + W], room[Z_next + W:])
 
 
 def partials(system: System) -> FloatArray:
@@ -78,24 +86,24 @@ def partials(system: System) -> FloatArray:
     return np.zeros((2, 1 + system.memory, 5 + len(system.step.p) + system.memory))
 
 
-@compiled
+@inlined
 def advance(step, tangent, x, z, work, rows, g, inputs, k):  # type: ignore[no-untyped-def]
     """Step state, memory and their derivatives in place from sample k-1 to sample k."""
     M, H, active, dM = step.M, step.H, step.active, tangent.M
-    X, Z, U, D0, D1, L, A, Z_next, spare = rows
+    X, Z, U, D, L, A, Z_next, spare = rows
     n, m, K, W = len(x), len(step.shift), len(step.effects), len(z)
     width, P, at = M.shape[1], H.shape[1] - n - m, n + 2 * m
-    U0, U1 = U[:m], U[m:]
-    v, linear, ahead = work[0, :at], work[2, :n], work[3, :n]
-    begin, end = v[n:n + m], v[n + m:]
-    d0, d1, z_next, s = work[4, :P], work[5, :P], work[6, :W], work[7]
+    U0, U1, D0, D1 = U[:m], U[m:], D[:P], D[P:]
+    v, linear, ahead = work[0, :width], work[2, :n], work[3, :n]
+    begin, end, d0, d1 = v[n:n + m], v[n + m:at], v[at:at + P], v[at + P:]
+    z_next, s = work[6, :W], work[7]
     h = step.sample_time / step.substeps
     kept = W - K
     for part in range(step.substeps):
         for i in range(n):
             v[i] = x[i]
         inputs_over(step, part, inputs, k, begin, end)
-        if tangent.shifts:
+        if len(tangent.shifts) > 0:
             input_rows(step, tangent, part, inputs, k, U0, U1)
         for i in range(n):
             value = 0.0
@@ -107,8 +115,8 @@ def advance(step, tangent, x, z, work, rows, g, inputs, k):  # type: ignore[no-u
         combine(L, n, True, M, 0, width, 1, X, 0, 0, 1, n)
         if tangent.moving:
             combine(L, n, False, v, 0, 0, 1, dM, 0, width, 1, at)
-        if tangent.shifts:
-            combine(L, n, False, M, n, width, 1, U, 0, 0, 1, 2 * m)
+        for j in tangent.shifts:
+            combine(L, n, False, M, n + j, width, m, U, j, 0, m, 2)
         if K > 0:
             add_effects(step, tangent, x, begin, z, 0.0, s, z_next, d0, X, U0, D0, Z, Z_next,
                         spare, g)
@@ -124,34 +132,38 @@ def advance(step, tangent, x, z, work, rows, g, inputs, k):  # type: ignore[no-u
                     ahead[i] = value
                 copy(A, L, n)
                 for j in active:
-                    add_to_port(step, tangent, A, j, 0, 2, d0, j, D0, j)
+                    add_to_port(step, tangent, A, j, v, at + j, D, j, 0)
                 for e in range(K):
                     if step.effects[e].implicit:
-                        add_to_port(step, tangent, A, step.effects[e].port, 0, 2, z, kept + e, Z,
-                                    kept + e)
+                        add_to_port(step, tangent, A, step.effects[e].port, z, kept + e, Z,
+                                    kept + e, 0)
             add_effects(step, tangent, ahead, end, z, h, s, z_next, d1, A, U1, D1, Z, Z_next,
                         spare, g)
             for i in range(n):
                 for j in active:
                     linear[i] += M[i, at + j] * d0[j] + M[i, at + P + j] * d1[j]
             for j in active:
-                add_to_port(step, tangent, L, j, 0, 1, d0, j, D0, j)
-                add_to_port(step, tangent, L, j, 1, 1, d1, j, D1, j)
+                add_to_port(step, tangent, L, j, v, at + j, D, j, P)
             for e in range(K):
                 effect = step.effects[e]
                 if not effect.implicit:
                     continue
                 port = effect.port
                 s[0] = observe(H, effect.signal_0, linear, end, d1, active)
-                observe_rows(step, tangent, effect.signal_0, linear, end, d1, L, U1, D1, spare,
-                             SIGNAL)
+                added = differentiate_law(step, e, 0.0, s, z, h, tangent.compliance[e], z_next, g)
+                if reads(step, tangent, e, 1, 0.0, g):
+                    observe_rows(step, tangent, effect.signal_0, linear, end, d1, L, U1, D1, spare,
+                                 SIGNAL)
                 clear(spare, BEFORE)
-                added = linearise(step, tangent, e, 0.0, s, z, h, tangent.compliance[e], z_next,
-                                  Z, Z_next, spare, g)
+                clear(spare, AFTER)
+                if tangent.rest >= 0:
+                    added = linearise(step, tangent, e, 0.0, added, s, z, h,
+                                      tangent.compliance[e], z_next, spare, g, spare, AFTER)
+                add_chain(step, tangent, e, 0.0, Z, Z_next, spare, g, spare, AFTER)
                 for i in range(n):
                     linear[i] += (M[i, at + port] + M[i, at + P + port]) * added
                 z_next[kept + e] = added
-                add_to_port(step, tangent, L, port, 0, 2, z_next, kept + e, spare, AFTER)
+                add_to_port(step, tangent, L, port, z_next, kept + e, spare, AFTER, 0)
                 put(Z_next, kept + e, 1.0, spare, AFTER)
             for i in range(W):
                 z[i] = z_next[i]
@@ -164,21 +176,24 @@ def advance(step, tangent, x, z, work, rows, g, inputs, k):  # type: ignore[no-u
 @inlined
 def output(step, tangent, x, z, work, rows, g, inputs, k, dy):  # type: ignore[no-untyped-def]
     """Return the output at sample k and write its derivatives into dy (D,)."""
-    X, Z, U, _, D, _, _, Z_next, spare = rows
+    X, Z, U, D, _, _, Z_next, spare = rows
     m, n, W = len(step.shift), len(x), len(z)
     P = step.H.shape[1] - n - m
+    D1 = D[P:]
     u, d = work[1, :m], work[5, :P]
     for j in range(m):
         u[j] = inputs[k, j]
-        clear(U, j)
         if step.shift[j] > 0.0:
             u[j] = interpolated(inputs, j, k, 1.0 - step.shift[j])
+    for j in tangent.shifts:
+        clear(U, j)
+        if step.shift[j] > 0.0:
             put(U, j, -slope_at(inputs, j, k, 1.0 - step.shift[j]), tangent.shift, j)
     if len(step.active) > 0:
-        add_effects(step, tangent, x, u, z, 0.0, work[7], work[6, :W], d, X, U, D, Z, Z_next,
+        add_effects(step, tangent, x, u, z, 0.0, work[7], work[6, :W], d, X, U, D1, Z, Z_next,
                     spare, g)
-    observe_rows(step, tangent, P - 1, x, u, d, X, U, D, spare, BEFORE)
-    add(spare, BEFORE, 1.0, D, P - 1)
+    observe_rows(step, tangent, P - 1, x, u, d, X, U, D1, spare, BEFORE)
+    add(spare, BEFORE, 1.0, D1, P - 1)
     for q in range(len(dy)):
         dy[q] = spare[BEFORE, q // WIDTH, q % WIDTH]
     return observe(step.H, P - 1, x, u, d, step.active) + d[P - 1]
@@ -187,10 +202,11 @@ def output(step, tangent, x, z, work, rows, g, inputs, k, dy):  # type: ignore[n
 @compiled
 def read_sensor(step, tangent, row, x, z, work, rows, dy):  # type: ignore[no-untyped-def]
     """Return what the sensor in a row of H reads, after `output`; its derivatives go to dy."""
-    X, Z, U, _, D, _, _, _, spare = rows
+    X, Z, U, D, _, _, _, spare = rows
     n, m, kept = len(x), len(step.shift), len(z) - len(step.effects)
-    u, d = work[1, :m], work[5, :step.H.shape[1] - n - m]
-    observe_rows(step, tangent, row, x, u, d, X, U, D, spare, BEFORE)
+    P = step.H.shape[1] - n - m
+    u, d = work[1, :m], work[5, :P]
+    observe_rows(step, tangent, row, x, u, d, X, U, D[P:], spare, BEFORE)
     for e in range(len(step.effects)):
         if step.effects[e].implicit:
             column = n + m + step.effects[e].port

@@ -96,9 +96,8 @@ class System:
             yield len(self.earlier), first, samples
 
     def work(self) -> FloatArray:
-        """Allocate the scratch of a step: eight rows, of a state and inputs at most."""
-        n, m = self.laws.B.shape
-        return np.zeros((8, max(n + 2 * m, len(self.plant.ports), self.memory, 2)))
+        """Allocate the scratch of a step: eight rows, none longer than one of M."""
+        return np.zeros((8, max(self.step.M.shape[1], self.memory)))
 
     def start(self, inputs: FloatArray, output: float) -> FloatArray:
         """Return the state at rest, shape (n,), that gives this output under these inputs (m,).

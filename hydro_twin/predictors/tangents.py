@@ -29,7 +29,7 @@ class Tangent(NamedTuple):
         moves: which elements of H have any, of its shape.
         p: of the effects' parameters.
         shift: of how late inputs act [samples].
-        shifts: whether that moves.
+        shifts: the inputs of which that moves.
         compliance: how far the first signal of each implicit effect rises for a unit added, (K,).
         d_compliance: its derivatives.
         moving: whether the matrices move at all.
@@ -42,7 +42,7 @@ class Tangent(NamedTuple):
     moves: npt.NDArray[np.bool_]
     p: FloatArray
     shift: FloatArray
-    shifts: bool
+    shifts: npt.NDArray[np.int64]
     compliance: FloatArray
     d_compliance: FloatArray
     moving: bool
@@ -148,7 +148,8 @@ def tangent_of(system: System, by: Directions, moves: Moves | None = None) -> Ta
             rises[e] = (both @ dH[effect['signal_0'], :n]
                         + row @ dM[:, [begin, begin + P]].sum(axis=1))
     return Tangent(in_rows(dM), in_rows(dH), dH.any(axis=2), in_rows(p), in_rows(shift),
-                   bool(shift.any()), compliance, in_rows(rises), bool(dM.any()), -1)
+                   np.flatnonzero(shift.any(axis=1)), compliance, in_rows(rises),
+                   bool(dM.any()), -1)
 
 
 def lasting(system: System) -> npt.NDArray[np.int64]:
