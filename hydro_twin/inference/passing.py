@@ -43,10 +43,10 @@ def passing(candidate: Model, placed: Placed, part: Part) -> Passing:
     added, y = np.empty(len(seen)), np.empty(len(seen))
     for k in range(len(seen)):
         if k == 0:
-            y[k] = kernel.output(s.step, x, z, work, part.inputs, k)
+            y[k] = kernel.output(s.step, x, z, work, part.inputs, k, True)
         else:
             stage = s.at(part.start + k * period)
-            y[k] = kernel.advance(stage.step, x, z, work, part.inputs, k)
+            y[k] = kernel.advance(stage.step, x, z, work, part.inputs, k, True)
         added[k] = z[len(z) - len(s.step.effects) + e] if placed.effect.implicit else d[port]
         seen[k] = s.at(part.start + k * period).step.H @ np.concatenate([x, u, d])
     rows = {} if placed.effect.implicit else {'value': port}

@@ -186,7 +186,7 @@ class FreeRun:
                                         *system.live)
         else:
             self.x[:] = system.start(inputs, _first(measured))
-            y = kernel.output(system.step, self.x, self.z, self.work, self.inputs, 0)
+            y = kernel.output(system.step, self.x, self.z, self.work, self.inputs, 0, False)
         return y
 
     def forget(self) -> None:

@@ -17,9 +17,9 @@ def run_with_gains(  # type: ignore[no-untyped-def]
     # As in `kernel.run`: one function for the step of both takes a run a quarter longer.
     for k in range(first, last):
         if k == 0:
-            y[k] = output(step, x, z, work, inputs, k)
+            y[k] = output(step, x, z, work, inputs, k, False)
         else:
-            y[k] = advance(step, x, z, work, inputs, k)
+            y[k] = advance(step, x, z, work, inputs, k, False)
         if not abs(y[k]) < LIMIT:
             y[k:] = float('nan')
             return

@@ -248,7 +248,8 @@ def run(  # type: ignore[no-untyped-def]
             triangularise(S, used, free)
         if slow is not None:
             follow_by(step, tangent, slow, walking)
-        y = output(step, tangent, x, z, work, rows, g, inputs, k, slope)
+        everywhere = measured.shape[1] > 1 or len(estimates) > 0
+        y = output(step, tangent, x, z, work, rows, g, inputs, k, everywhere, slope)
         if not abs(y) < LIMIT:
             results[k:end] = float('nan')
             estimates[k:end] = float('nan')

@@ -144,10 +144,10 @@ def inputs_over(step, part, inputs, k, begin, end):  # type: ignore[no-untyped-d
 
 
 @inlined
-def advance(step, x, z, work, inputs, k):  # type: ignore[no-untyped-def]
+def advance(step, x, z, work, inputs, k, everywhere):  # type: ignore[no-untyped-def]
     """Step x and z in place from sample k-1 to sample k of the inputs; returns the output at k.
 
-    work is scratch, see `System.work`.
+    work is scratch, see `System.work`; for `everywhere` see `output`.
     """
     M, H, active, p = step.M, step.H, step.active, step.p
     n, m, K = len(x), len(step.shift), len(step.effects)
@@ -166,17 +166,20 @@ def advance(step, x, z, work, inputs, k):  # type: ignore[no-untyped-def]
                 value += M[i, n + j] * begin[j] + M[i, n + m + j] * end[j]
             linear[i] = value
         if K > 0:
-            add_effects(step, x, begin, z, 0.0, s, z_next, d0)
-            for i in range(n):
-                value = linear[i]
-                for j in active:
-                    value += (M[i, at + j] + M[i, at + P + j]) * d0[j]
-                for e in range(K):
-                    if step.effects[e].implicit:
-                        j = step.effects[e].port
-                        value += (M[i, at + j] + M[i, at + P + j]) * z[kept + e]
-                ahead[i] = value
-            add_effects(step, ahead, end, z, h, s, z_next, d1)
+            here, u, d, time = x, begin, d0, 0.0
+            for at_end in range(2):         # one call, so that there is half as much code to fetch
+                if at_end:
+                    for i in range(n):
+                        value = linear[i]
+                        for j in active:
+                            value += (M[i, at + j] + M[i, at + P + j]) * d0[j]
+                        for e in range(K):
+                            if step.effects[e].implicit:
+                                j = step.effects[e].port
+                                value += (M[i, at + j] + M[i, at + P + j]) * z[kept + e]
+                        ahead[i] = value
+                    here, u, d, time = ahead, end, d1, h
+                add_effects(step, here, u, z, time, s, z_next, d)
             for i in range(n):
                 for j in active:
                     linear[i] += M[i, at + j] * d0[j] + M[i, at + P + j] * d1[j]
@@ -199,12 +202,15 @@ def advance(step, x, z, work, inputs, k):  # type: ignore[no-untyped-def]
                 z[i] = z_next[i]
         for i in range(n):
             x[i] = linear[i]
-    return output(step, x, z, work, inputs, k)
+    return output(step, x, z, work, inputs, k, everywhere)
 
 
 @inlined
-def output(step, x, z, work, inputs, k):  # type: ignore[no-untyped-def]
-    """Return the last port at sample k; leaves inputs in work[1], what effects add in work[5]."""
+def output(step, x, z, work, inputs, k, everywhere):  # type: ignore[no-untyped-def]
+    """Return the last port at sample k; leaves inputs in work[1], what effects add in work[5].
+
+    That is found where it reaches the output at once, and else only if it is wanted `everywhere`.
+    """
     m = len(step.shift)
     P = step.H.shape[1] - len(x) - m
     u, d = work[1, :m], work[5, :P]
@@ -212,7 +218,10 @@ def output(step, x, z, work, inputs, k):  # type: ignore[no-untyped-def]
         u[j] = inputs[k, j]
         if step.shift[j] > 0.0:
             u[j] = interpolated(inputs, j, k, 1.0 - step.shift[j])
-    if len(step.active) > 0:
+    found = everywhere
+    for i in step.active:
+        found = found or i == P - 1 or step.H[P - 1, len(x) + m + i] != 0.0
+    if found:
         add_effects(step, x, u, z, 0.0, work[7], work[6, :len(z)], d)
     return observe(step.H, P - 1, x, u, d, step.active) + d[P - 1]
 
@@ -239,7 +248,7 @@ def live_step(x, z, work, inputs, k, M, H, effects, *others):  # type: ignore[no
 
     The fields of a `Step` one by one, and none of them of records, are passed faster.
     """
-    y = advance(Step(M, H, effects.view(ENTRY), *others), x, z, work, inputs, k)
+    y = advance(Step(M, H, effects.view(ENTRY), *others), x, z, work, inputs, k, False)
     return y if abs(y) < LIMIT else float('nan')
 
 
@@ -253,9 +262,9 @@ def run(step, x, z, work, inputs, y, seen, first, last):  # type: ignore[no-unty
     """
     for k in range(first, last):
         if k == 0:
-            y[k] = output(step, x, z, work, inputs, k)
+            y[k] = output(step, x, z, work, inputs, k, len(seen) > 0)
         else:
-            y[k] = advance(step, x, z, work, inputs, k)
+            y[k] = advance(step, x, z, work, inputs, k, len(seen) > 0)
         if not abs(y[k]) < LIMIT:
             y[k:] = float('nan')
             return

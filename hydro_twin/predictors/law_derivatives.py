@@ -7,9 +7,9 @@ from hydro_twin.compiled import inlined
 from hydro_twin.predictors.linearise import average, differentiate, straight
 from hydro_twin.predictors.rows import add, clear, WIDTH
 
-# The rows of `Rows.spare`: the value that reaches an effect, what it gives, the two signals it
-# reads.
-BEFORE, AFTER, SIGNAL = 0, 1, 2
+# The rows of `Rows.spare`: the value that reaches an effect, the two signals it reads, what it
+# gives.
+BEFORE, SIGNAL, AFTER = 0, 1, 3
 SPARE = 4
 
 
@@ -77,21 +77,20 @@ def add_chain(  # type: ignore[no-untyped-def]
     """
     effect = step.effects[e]
     g[0, 0, 0] -= usual
-    chain(g[0, 0], step, tangent, e, Z, spare, out, row)
-    for i in range(effect.z_end - effect.z_begin):
-        clear(Z_next, effect.z_begin + i)
-        chain(g[0, 1 + i], step, tangent, e, Z, spare, Z_next, effect.z_begin + i)
+    for i in range(1 + effect.z_end - effect.z_begin):
+        if i > 0:
+            out, row = Z_next, effect.z_begin + i - 1
+            clear(out, row)
+        chain(g[0, i], step, tangent, e, Z, spare, out, row)
 
 
 @inlined
 def chain(g, step, tangent, e, Z, spare, out, i):  # type: ignore[no-untyped-def]
     """Add to a row of out what follows from the partial derivatives g of effect e."""
     effect = step.effects[e]
-    if g[0] != 0.0:
-        add(out, i, g[0], spare, BEFORE)
-    for k in range(2):
-        if g[1 + k] != 0.0:
-            add(out, i, g[1 + k], spare, SIGNAL + k)
+    for k in range(3):
+        if g[k] != 0.0:
+            add(out, i, g[k], spare, k)
     if g[3] != 0.0:
         add(out, i, g[3], tangent.d_compliance, e)
     for k in range(effect.p_begin, effect.p_end):

@@ -52,7 +52,8 @@ def run_stretches(  # type: ignore[no-untyped-def]
             at = begin + k
             if k > 0:
                 advance(step, tangent, state, memory, work, rows, g, given, k)
-            y[at, 0] = output(step, tangent, state, memory, work, rows, g, given, k, dy[at, 0])
+            y[at, 0] = output(step, tangent, state, memory, work, rows, g, given, k,
+                              len(sensors) > 0, dy[at, 0])
             if not abs(y[at, 0]) < LIMIT:
                 y[at:end] = float('nan')
                 dy[at:end] = 0.0

@@ -118,27 +118,31 @@ def advance(step, tangent, x, z, work, rows, g, inputs, k):  # type: ignore[no-u
         for j in tangent.shifts:
             combine(L, n, False, M, n + j, width, m, U, j, 0, m, 2)
         if K > 0:
-            add_effects(step, tangent, x, begin, z, 0.0, s, z_next, d0, X, U0, D0, Z, Z_next,
-                        spare, g)
-            if len(active) > 0:
-                for i in range(n):
-                    value = linear[i]
-                    for j in active:
-                        value += (M[i, at + j] + M[i, at + P + j]) * d0[j]
-                    for e in range(K):
-                        if step.effects[e].implicit:
-                            j = step.effects[e].port
-                            value += (M[i, at + j] + M[i, at + P + j]) * z[kept + e]
-                    ahead[i] = value
-                copy(A, L, n)
-                for j in active:
-                    add_to_port(step, tangent, A, j, v, at + j, D, j, 0)
-                for e in range(K):
-                    if step.effects[e].implicit:
-                        add_to_port(step, tangent, A, step.effects[e].port, z, kept + e, Z,
-                                    kept + e, 0)
-            add_effects(step, tangent, ahead, end, z, h, s, z_next, d1, A, U1, D1, Z, Z_next,
-                        spare, g)
+            here, u, d, time = x, begin, d0, 0.0
+            by_here, by_u, by_d = X, U0, D0
+            for at_end in range(2):
+                if at_end:
+                    for i in range(n):
+                        value = linear[i]
+                        for j in active:
+                            value += (M[i, at + j] + M[i, at + P + j]) * d0[j]
+                        for e in range(K):
+                            if step.effects[e].implicit:
+                                j = step.effects[e].port
+                                value += (M[i, at + j] + M[i, at + P + j]) * z[kept + e]
+                        ahead[i] = value
+                    if len(active) > 0:
+                        copy(A, L, n)
+                        for j in active:
+                            add_to_port(step, tangent, A, j, v, at + j, D, j, 0)
+                        for e in range(K):
+                            if step.effects[e].implicit:
+                                add_to_port(step, tangent, A, step.effects[e].port, z, kept + e, Z,
+                                            kept + e, 0)
+                    here, u, d, time = ahead, end, d1, h
+                    by_here, by_u, by_d = A, U1, D1
+                add_effects(step, tangent, here, u, z, time, s, z_next, d, by_here, by_u, by_d, Z,
+                            Z_next, spare, g)
             for i in range(n):
                 for j in active:
                     linear[i] += M[i, at + j] * d0[j] + M[i, at + P + j] * d1[j]
@@ -174,8 +178,12 @@ def advance(step, tangent, x, z, work, rows, g, inputs, k):  # type: ignore[no-u
 
 
 @inlined
-def output(step, tangent, x, z, work, rows, g, inputs, k, dy):  # type: ignore[no-untyped-def]
-    """Return the output at sample k and write its derivatives into dy (D,)."""
+def output(  # type: ignore[no-untyped-def]
+        step, tangent, x, z, work, rows, g, inputs, k, everywhere, dy):
+    """Return the output at sample k and write its derivatives into dy (D,).
+
+    For `everywhere` see `kernel.output`.
+    """
     X, Z, U, D, _, _, Z_next, spare = rows
     m, n, W = len(step.shift), len(x), len(z)
     P = step.H.shape[1] - n - m
@@ -189,7 +197,11 @@ def output(step, tangent, x, z, work, rows, g, inputs, k, dy):  # type: ignore[n
         clear(U, j)
         if step.shift[j] > 0.0:
             put(U, j, -slope_at(inputs, j, k, 1.0 - step.shift[j]), tangent.shift, j)
-    if len(step.active) > 0:
+    found = everywhere
+    for j in step.active:
+        found = (found or j == P - 1 or step.H[P - 1, n + m + j] != 0.0
+                 or tangent.moves[P - 1, n + m + j])
+    if found:
         add_effects(step, tangent, x, u, z, 0.0, work[7], work[6, :W], d, X, U, D1, Z, Z_next,
                     spare, g)
     observe_rows(step, tangent, P - 1, x, u, d, X, U, D1, spare, BEFORE)

@@ -115,7 +115,7 @@ class System:
             step = 1e-6 * max(abs(linear), abs(output), 1e-9)
             y, beyond = (kernel.output(
                 self.step, origin + at * per_output, np.zeros(self.memory), self.work(),
-                inputs[None, :], 0)
+                inputs[None, :], 0, False)
                 for at in (linear, linear + step))
             if not abs(y - output) > 1e-9 * abs(output):
                 break
@@ -188,7 +188,7 @@ class System:
             return z.T
         for edge in z:
             work = self.work()
-            kernel.output(self.step, x, edge.copy(), work, inputs[None, :], 0)
+            kernel.output(self.step, x, edge.copy(), work, inputs[None, :], 0, True)
             edge[:] = np.where(edge == 0.0, 0.0, work[6, :self.memory])
         return z.T
 
