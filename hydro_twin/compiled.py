@@ -12,6 +12,7 @@ import tempfile
 from types import FunctionType, ModuleType
 from typing import Any
 
+from llvmlite import binding as llvm
 import numba
 from numba.core import event
 
@@ -90,9 +91,11 @@ numba.config.CACHE_DIR = str(CACHE)  # type: ignore[attr-defined]
 numba.config.CACHE_LOCATOR_CLASSES = (  # type: ignore[attr-defined]
     f'{SameSources.__module__}.{SameSources.__qualname__}')
 # The loops here are too short to vectorise (but see `rows`), and at level 3 LLVM takes half as
-# long again to compile what then runs no faster.
+# long again to compile what then runs no faster. Nor are they unrolled: the code of a step would
+# outgrow the processor's cache, and a run take a fifth longer.
 numba.config.LOOP_VECTORIZE = 0  # type: ignore[attr-defined]
 numba.config.OPT = type(numba.config.OPT)(2)  # type: ignore[attr-defined]
+llvm.set_option('hydro_twin', '-unroll-runtime=false')
 
 
 class _Notice(event.Listener):

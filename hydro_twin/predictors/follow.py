@@ -141,17 +141,16 @@ class Followed:
         slow.at[:] = slow.now
         slow.M[:], slow.H[:], slow.compliance[:] = (
             step.M.ravel(), step.H.ravel(), tangent.compliance)
-        for given, made in ((slow.M_slopes, tangent.M), (slow.H_slopes, tangent.H),
-                            (slow.compliance_slopes, tangent.d_compliance)):
-            given[of_plant] = made.reshape(given.shape[1], made.shape[1] * WIDTH)[
-                :, :len(of_plant)].T
+        count = len(tangent.rows)
+        by = tangent.rows.reshape(count, -1)[:, :len(of_plant)].T
+        slow.M_slopes[of_plant], slow.H_slopes[of_plant] = np.split(
+            by[:, :step.M.size + step.H.size], [step.M.size], axis=1)
+        slow.compliance_slopes[of_plant] = by[:, count - K:]
         width = math.ceil((columns + K) / WIDTH) * WIDTH
-        rows = [in_rows(np.zeros((size, width))) for size in (
-            step.M.size, step.H.size, len(step.p), len(step.shift), K)]
         moves = slow.H_slopes.any(axis=0).reshape(step.H.shape)
         return (step._replace(M=step.M.copy(), H=step.H.copy(), p=step.p.copy()),
-                Tangent(rows[0], rows[1], moves, rows[2], rows[3], np.empty(0, dtype=np.int64),
-                        tangent.compliance.copy(), rows[4], bool(slow.M_slopes.any()), columns))
+                Tangent(in_rows(np.zeros((count, width))), moves, tangent.shifts,
+                        tangent.compliance.copy(), bool(slow.M_slopes.any()), columns))
 
 
 def parse(entries: Sequence[str]) -> dict[str, float]:

@@ -110,8 +110,6 @@ def add_effects(step, x, u, z, h, s, z_next, d):  # type: ignore[no-untyped-def]
     H, active = step.H, step.active
     for i in active:
         d[i] = 0.0
-    for i in range(len(z)):
-        z_next[i] = z[i]
     for e in range(len(step.effects)):
         effect = step.effects[e]
         if effect.implicit:
@@ -166,8 +164,11 @@ def advance(step, x, z, work, inputs, k, everywhere):  # type: ignore[no-untyped
                 value += M[i, n + j] * begin[j] + M[i, n + m + j] * end[j]
             linear[i] = value
         if K > 0:
+            for i in range(len(z)):
+                z_next[i] = z[i]
             here, u, d, time = x, begin, d0, 0.0
-            for at_end in range(2):         # one call, so that there is half as much code to fetch
+            # One call for both ends of the step, so that there is half as much code to fetch.
+            for at_end in range(2 if len(active) > 0 else 0):
                 if at_end:
                     for i in range(n):
                         value = linear[i]
@@ -222,7 +223,10 @@ def output(step, x, z, work, inputs, k, everywhere):  # type: ignore[no-untyped-
     for i in step.active:
         found = found or i == P - 1 or step.H[P - 1, len(x) + m + i] != 0.0
     if found:
-        add_effects(step, x, u, z, 0.0, work[7], work[6, :len(z)], d)
+        z_next = work[6, :len(z)]
+        for i in range(len(z)):
+            z_next[i] = z[i]
+        add_effects(step, x, u, z, 0.0, work[7], z_next, d)
     return observe(step.H, P - 1, x, u, d, step.active) + d[P - 1]
 
 

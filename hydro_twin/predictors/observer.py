@@ -12,7 +12,7 @@ from hydro_twin.predictors.follow import Followed
 from hydro_twin.predictors.kalman import Filter, GATE, LASTING, run, Scratch
 from hydro_twin.predictors.quantities import quantities_of
 from hydro_twin.predictors.rows import in_rows, WIDTH
-from hydro_twin.predictors.step_derivatives import partials, room_for
+from hydro_twin.predictors.step_derivatives import partials, rows_for
 from hydro_twin.predictors.system import System
 from hydro_twin.predictors.tangents import NONE, tangent_of
 
@@ -33,9 +33,9 @@ class Observation:
         self.observer, self.x, self.z = observer, x, z
         system, blocks = observer.system, in_rows(observer.filter.start)
         S, outputs = blocks.reshape(len(blocks), -1), len(observer.filter.variances)
-        self.scratch = Scratch(S, blocks, room_for(system, blocks.shape[1]), system.work(),
-                               partials(system), np.zeros((1 + outputs, S.shape[1])),
-                               np.ones(outputs))
+        room = rows_for(system, blocks.shape[1])[len(system.laws.A) + system.memory:]
+        self.scratch = Scratch(S, blocks, room, system.work(), partials(system),
+                               np.zeros((1 + outputs, S.shape[1])), np.ones(outputs))
         self.slow = observer.followed.slow() if observer.followed else None
         self.stages = observer.stages
         if observer.followed and self.slow:

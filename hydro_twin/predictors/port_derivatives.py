@@ -50,8 +50,6 @@ def add_effects(  # type: ignore[no-untyped-def]
     for i in active:
         d[i] = 0.0
         clear(D, i)
-    for i in range(len(z)):
-        z_next[i] = z[i]
     for e in range(len(step.effects)):
         effect = step.effects[e]
         if effect.implicit:

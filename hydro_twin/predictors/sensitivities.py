@@ -12,23 +12,24 @@ import numpy as np
 from hydro_twin.compiled import compiled
 from hydro_twin.plants.plant import FloatArray
 from hydro_twin.predictors.kernel import LIMIT
-from hydro_twin.predictors.rows import in_rows, put
+from hydro_twin.predictors.rows import copy, in_rows
 from hydro_twin.predictors.step_derivatives import (
     advance,
+    divided,
     output,
     partials,
     read_sensor,
     rows_for,
 )
 from hydro_twin.predictors.system import System
-from hydro_twin.predictors.tangents import Directions, lasting, Tangent
+from hydro_twin.predictors.tangents import Directions, lasting, Tangent, told_apart
 
 UNBOUNDED = 1e50        # of a derivative: its products in a fit would overflow
 
 
 @compiled
 def run_stretches(  # type: ignore[no-untyped-def]
-        step, tangent, x, z, template, work, rows, g, inputs, sensors, y, dy, stretches):
+        step, tangent, x, z, template, work, blocks, g, inputs, sensors, y, dy, stretches):
     """Fill y (N, 1 + K) with output and sensors, dy (N, 1 + K, D) with their derivatives.
 
     Over stretches (R, 5) of parts that follow one another in the arrays: of each its part, where
@@ -37,15 +38,15 @@ def run_stretches(  # type: ignore[no-untyped-def]
     start of a part, and go on from there within it. A run that diverges is left at nan from there
     on, its derivatives at 0.
     """
+    n, W, m = x.shape[1], z.shape[1], len(step.shift)
+    tangent = told_apart(step, tangent)
+    rows = divided(blocks[:n], blocks[n:n + W], blocks[n + W:], m, step.H.shape[1] - n - m)
     for r in range(len(stretches)):
         part, begin, end = stretches[r, 0], stretches[r, 1], stretches[r, 2]
         first, last = stretches[r, 3], stretches[r, 4]
         given, state, memory = inputs[begin:end], x[part], z[part]
         if first == 0:
-            for i in range(len(state)):
-                put(rows.X, i, 1.0, template, i)
-            for i in range(len(memory)):
-                put(rows.Z, i, 1.0, template, len(state) + i)
+            copy(blocks, template, n + W)
         elif y[begin + first - 1, 0] != y[begin + first - 1, 0]:
             continue
         for k in range(first, last):
@@ -112,13 +113,13 @@ def run_parts_with_slopes(
     y, dy = np.empty((edges[-1], 1 + len(read))), np.empty(
         (edges[-1], 1 + len(read), columns.shape[1]))
     states, memories = np.array(x), np.array(z)
-    rows, g, work = rows_for(system, template.shape[1]), partials(system), system.work()
+    blocks, g, work = rows_for(system, template.shape[1]), partials(system), system.work()
     stages, parts = system.stages, list(pairwise(edges.tolist()))
     stretches = [(k, part, begin, end, first, last)
                  for part, ((begin, end), start) in enumerate(zip(parts, starts, strict=True))
                  for k, first, last in system.stretches(end - begin, start)]
     for k, some in groupby(stretches, key=lambda stretch: stretch[0]):
-        run_stretches(stages[k].step, tangents[k], states, memories, template, work, rows, g,
+        run_stretches(stages[k].step, tangents[k], states, memories, template, work, blocks, g,
                       every, read, y, dy, np.array([one[1:] for one in some]))
     bound(dy, edges, UNBOUNDED)
     if len(kept) < system.memory:

@@ -10,6 +10,7 @@ from typing import Any, NamedTuple
 import numpy as np
 import numpy.typing as npt
 
+from hydro_twin.compiled import compiled
 from hydro_twin.plants.plant import FloatArray
 from hydro_twin.predictors.rows import in_rows
 from hydro_twin.predictors.system import discretise, port_rows, System
@@ -20,33 +21,61 @@ APART = 0.1             # logarithm of a parameter between nodes, where fewer do
 
 
 class Tangent(NamedTuple):
-    """How a step follows D unknowns, of which the first Q are the plant's.
+    """How a step follows D unknowns.
 
     Derivatives are rows of D columns, as `Rows` are.
 
     Attributes:
-        M, H: derivatives of the matrices of the step, element after element.
+        rows: those of `TangentRows`, one after another.
         moves: which elements of H have any, of its shape.
-        p: of the effects' parameters.
-        shift: of how late inputs act [samples].
-        shifts: the inputs of which that moves.
+        shifts: the inputs of which that moves how late they act.
         compliance: how far the first signal of each implicit effect rises for a unit added, (K,).
-        d_compliance: its derivatives.
         moving: whether the matrices move at all.
         rest: the first of K columns for what the laws vary beside a line, where the derivatives of
             a state are a root of its covariance; -1 where they are but derivatives.
     """
 
-    M: FloatArray
-    H: FloatArray
+    rows: FloatArray
     moves: npt.NDArray[np.bool_]
-    p: FloatArray
-    shift: FloatArray
     shifts: npt.NDArray[np.int64]
     compliance: FloatArray
-    d_compliance: FloatArray
     moving: bool
     rest: int
+
+
+class TangentRows(NamedTuple):
+    """A tangent with its rows told apart.
+
+    Attributes:
+        M, H: derivatives of the matrices of the step, element after element.
+        p: of the effects' parameters.
+        shift: of how late inputs act [samples].
+        d_compliance: of the compliance.
+    """
+
+    M: FloatArray
+    H: FloatArray
+    p: FloatArray
+    shift: FloatArray
+    d_compliance: FloatArray
+    moves: npt.NDArray[np.bool_]
+    shifts: npt.NDArray[np.int64]
+    compliance: FloatArray
+    moving: bool
+    rest: int
+
+
+@compiled
+def told_apart(step, tangent):  # type: ignore[no-untyped-def]
+    """Return the `TangentRows` of a tangent: of one array compiled code holds less at hand."""
+    H = step.M.size
+    p = H + step.H.size
+    shift = p + len(step.p)
+    compliance = shift + len(step.shift)
+    rows = tangent.rows
+    return TangentRows(rows[:H], rows[H:p], rows[p:shift], rows[shift:compliance],
+                       rows[compliance:], tangent.moves, tangent.shifts, tangent.compliance,
+                       tangent.moving, tangent.rest)
 
 
 @dataclass(frozen=True)
@@ -147,8 +176,8 @@ def tangent_of(system: System, by: Directions, moves: Moves | None = None) -> Ta
             compliance[e] = row @ both
             rises[e] = (both @ dH[effect['signal_0'], :n]
                         + row @ dM[:, [begin, begin + P]].sum(axis=1))
-    return Tangent(in_rows(dM), in_rows(dH), dH.any(axis=2), in_rows(p), in_rows(shift),
-                   np.flatnonzero(shift.any(axis=1)), compliance, in_rows(rises),
+    rows = np.concatenate([dM.reshape(-1, D), dH.reshape(-1, D), p, shift, rises])
+    return Tangent(in_rows(rows), dH.any(axis=2), np.flatnonzero(shift.any(axis=1)), compliance,
                    bool(dM.any()), -1)
 
 
