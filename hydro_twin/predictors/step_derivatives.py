@@ -69,7 +69,7 @@ def rows_for(system: System, blocks: int) -> FloatArray:
 def divided(X, Z, room, m, P):  # type: ignore[no-untyped-def]
     """Make `Rows` of X, Z and room for the others, which come after them in `rows_for`.
 
-    Of one array compiled code holds less at hand than of nine, and takes a quarter less time.
+    Of one array compiled code has less to keep at hand than of nine.
     """
     n, W = len(X), len(Z)
     D = 2 * m

@@ -67,7 +67,7 @@ class TangentRows(NamedTuple):
 
 @compiled
 def told_apart(step, tangent):  # type: ignore[no-untyped-def]
-    """Return the `TangentRows` of a tangent: of one array compiled code holds less at hand."""
+    """Return the `TangentRows` of a tangent, in compiled code, which passes one array faster."""
     H = step.M.size
     p = H + step.H.size
     shift = p + len(step.p)

@@ -111,6 +111,10 @@ def test_all_derivatives_of_a_run(plant, effect, port):
                                 sensors)
     y, scale = every[0], np.std(every[0]) / np.maximum(np.std(every, axis=1), 1e-300)
     np.testing.assert_array_equal(y, system.run(part.inputs, x, z))
+    # Without sensors, what effects add is left out at a sample where it does not reach the output.
+    alone = of_one_part(system, by, [tangent_of(system, by)], part.inputs, x, z)
+    np.testing.assert_array_equal(alone[0], every[:1])
+    np.testing.assert_array_equal(alone[1], slopes[:1])
     slopes = np.concatenate(scale[:, None, None] * slopes)
 
     def run(coordinates):
