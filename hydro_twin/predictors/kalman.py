@@ -236,6 +236,7 @@ def run(  # type: ignore[no-untyped-def]
     P = step.H.shape[1] - n - m
     rows, walking = divided(blocks[:n], blocks[n:n + w], room, m, P), blocks[n + w:]
     free, slopes = v[0], v[1:, :used]
+    everywhere = measured.shape[1] > 1 or len(estimates) > 0
     slope = slopes[0]
     for k in range(begin, end):
         if k > 0:
@@ -250,7 +251,6 @@ def run(  # type: ignore[no-untyped-def]
             triangularise(S, used, free)
         if slow is not None:
             follow_by(step, tangent, slow, walking)
-        everywhere = measured.shape[1] > 1 or len(estimates) > 0
         y = output(step, tangent, x, z, work, rows, g, inputs, k, everywhere, slope)
         if not abs(y) < LIMIT:
             results[k:end] = float('nan')
