@@ -254,7 +254,7 @@ def trace(data: Data, model: Model | None = None, seed: int = 0, *,
         DataError: the samples do not allow it.
     """
     model = None if model is None else _analytical(model, data)
-    prepare(tracing.__name__)
+    prepare(tracing.__name__, 'hydro_twin.report.drawing')
     with show('tracing', None) as step:
         result = tracing.trace(data.recording, data.test, data.plant, data.rig.constants, model,
                                seed, lambda _: step(), data.earlier)

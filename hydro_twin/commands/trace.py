@@ -42,6 +42,10 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
     Returns:
         The report object.
     """
+    from hydro_twin.fitting.parallel import prepare
+
+    prepare('hydro_twin.inference.trace', 'hydro_twin.report.drawing')   # as this one imports
+
     from hydro_twin import api
     from hydro_twin.model import read_model
     from hydro_twin.predictors import kind_named

@@ -3,10 +3,7 @@ from __future__ import annotations
 
 from hydro_twin.compiled import compiled
 from hydro_twin.effects.effect import Effect, EffectParameter, Span, Starts
-
-HARD = 0.02             # softness below which there is a corner
-REACHED = 0.8           # share of a limit that a soft one must come to, or it is but a bend
-SOFTEST = 0.5           # softness of no limit any more: a tanh has 0.37, orifice flow more
+from hydro_twin.effects.soft_limit import is_limit, limited, SOFTNESS, TANH
 
 
 @compiled
@@ -15,10 +12,7 @@ def law(v, s, p, z, h, c, z_next):  # type: ignore[no-untyped-def]
 
     Where it is soft, v / (1 + |v / limit|^n)^(1/n), n = 1 / softness: at 0.37 tanh to 2 %.
     """
-    limit = p[0] * (1.0 + p[1] if v > 0.0 else 1.0 - p[1])
-    if p[2] < HARD:
-        return min(max(v, -limit), limit)
-    return v / (1.0 + (abs(v) / limit)**(1.0 / p[2]))**p[2]
+    return limited(v, p[0] * (1.0 + p[1] if v > 0.0 else 1.0 - p[1]), p[2])
 
 
 def starts(span: Span) -> Starts:
@@ -35,15 +29,14 @@ def refined(span: Span, values: tuple[float, ...]) -> Starts:
     for limit in (values[0], 0.5 * values[0]):
         mean = 0.5 * (limit + max(span.value, 2.0 * limit))
         ways += [(mean, 1.0 - limit / mean, 0.0), (mean, limit / mean - 1.0, 0.0)]
-    return [*ways, (values[0], values[1], 0.37)]
+    return [*ways, (values[0], values[1], TANH)]
 
 
 def distinguishable(span: Span, values: tuple[float, ...]) -> bool:
     """Distinguish a limit that is reached, at least one way, from a gain that falls with speed."""
     limit, imbalance, softness = values
-    reached = (span.high >= REACHED * limit * (1.0 + imbalance)
-               or span.low <= -REACHED * limit * (1.0 - imbalance))
-    return reached and softness < 0.99 * SOFTEST
+    return is_limit(span.low, span.high, -limit * (1.0 - imbalance), limit * (1.0 + imbalance),
+                    softness)
 
 
 EFFECT = Effect(
@@ -54,8 +47,7 @@ EFFECT = Effect(
         EffectParameter('limit', 'largest speed', 'value', 1e-12, 1e12),
         EffectParameter('imbalance', 'half the difference of the limits up and down over their '
                         'mean', '1', -0.999, 0.999, log=False, refinement=0.0),
-        EffectParameter('softness', 'of the corners, one over their power', '1', 0.0, SOFTEST,
-                        log=False, refinement=0.0),
+        SOFTNESS,
     ),
     starts=starts,
     excitation='use fast large steps',

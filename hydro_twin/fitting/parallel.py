@@ -11,11 +11,12 @@ import atexit
 from collections import deque
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
+from importlib import import_module
 import io
 from multiprocessing.connection import Connection, Pipe
 import os
 import pickle
-from queue import SimpleQueue
+from queue import Empty, SimpleQueue
 import subprocess
 import sys
 from threading import Condition, local, Thread
@@ -27,6 +28,7 @@ from hydro_twin.blas import ENVIRONMENT, one_thread
 from hydro_twin.errors import WorkerError
 
 WORTH = 2.0             # s of work that is left, from which workers start: what one costs to
+LULL = 0.1              # s without work after which a worker imports what it may need later
 
 
 def in_processes[T, R](function: Callable[[T], R], arguments: Sequence[T]) -> Iterator[R]:
@@ -68,14 +70,37 @@ def in_processes[T, R](function: Callable[[T], R], arguments: Sequence[T]) -> It
         pool.drop(job)
 
 
-def prepare(module: str) -> None:
+@contextmanager
+def beside[T, R](function: Callable[[T], R], argument: T) -> Iterator[Callable[[], R]]:
+    """Call a function in a worker while the caller does something else.
+
+    Yields what returns its result. Where no worker is there, or none is free until that is asked
+    for, the caller calls the function then.
+
+    Args:
+        function, argument: as those of `in_processes`.
+    """
+    pool = _pool
+    job = _job(function, [argument]) if pool.workers and not _within.item else None
+    if job is None:
+        yield lambda: function(argument)
+        return
+    pool.begin(job)
+    try:
+        yield lambda: pool.result(job, 0)
+    finally:
+        pool.drop(job)
+
+
+def prepare(module: str, later: str) -> None:
     """Start the workers of what will have work for all cores, so that they are ready in time.
 
     Args:
         module: that they import at once.
+        later: one that they import as soon as they have nothing to do.
     """
     if not _within.item:
-        _pool.start(_cores() - 1, module)
+        _pool.start(_cores() - 1, module, later)
 
 
 def _cores() -> int:
@@ -175,12 +200,12 @@ def _job(function: Callable[[Any], Any], arguments: Sequence[Any]) -> _Job | Non
 class _Worker:
     """A worker process, and the thread that hands it one item after another."""
 
-    def __init__(self, pool: _Pool, module: str) -> None:
+    def __init__(self, pool: _Pool, module: str, later: str) -> None:
         self.pool = pool
         self.connection, there = Pipe()
         code = ('import signal, sys; signal.signal(signal.SIGINT, signal.SIG_IGN); '
                 f'sys.path[:] = {sys.path!r}; import {module}; '
-                f'from {__name__} import _serve; _serve({there.fileno()})')
+                f'from {__name__} import _serve; _serve({there.fileno()}, {later!r})')
         with there:
             self.process = subprocess.Popen(
                 [sys.executable, '-c', code], pass_fds=[there.fileno()],
@@ -219,13 +244,13 @@ class _Pool:
         self.jobs: list[_Job] = []
         self.changed = Condition()
 
-    def start(self, workers: int, module: str = __name__) -> None:
-        """Start workers until there are so many, which import a module."""
+    def start(self, workers: int, module: str = __name__, later: str = __name__) -> None:
+        """Start workers until there are so many, see `prepare`."""
         with self.changed:
             while len(self.workers) < workers:
-                self.workers.append(_Worker(self, module))
+                self.workers.append(_Worker(self, module, later))
 
-    def begin(self, job: _Job, workers: int) -> None:
+    def begin(self, job: _Job, workers: int = 1) -> None:
         """Put up a job, for so many workers at least."""
         self.start(workers)
         with self.changed:
@@ -322,14 +347,24 @@ def _unpickled(packed: bytes) -> Any:
         return _Failure(error)
 
 
-def _serve(descriptor: int) -> None:
-    """Work for the parent at the other end of a pipe, until it ends."""
+def _serve(descriptor: int, later: str) -> None:
+    """Work for the parent at the other end of a pipe, until it ends.
+
+    Args:
+        descriptor: of the pipe.
+        later: a module to import as soon as there is nothing to do.
+    """
     connection = Connection(descriptor)
     messages: SimpleQueue[bytes] = SimpleQueue()
     Thread(target=_listen, args=(connection, messages), daemon=True).start()
     function: Any = None
     while True:
-        message = messages.get()
+        try:
+            message = messages.get(timeout=LULL if later else None)
+        except Empty:
+            import_module(later)
+            later = ''
+            continue
         if message:
             argument = _unpickled(message)
             outcome = argument if isinstance(argument, _Failure) else _call(function, argument)

@@ -1,7 +1,7 @@
 """The page's figures as pictures."""
 from __future__ import annotations
 
-from pathlib import Path
+import io
 
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
@@ -12,9 +12,11 @@ from hydro_twin.report.chart import Chart, Curve, Illustration
 HEIGHT = 3.2                                # inches, of a usual chart
 
 
-def write_png(illustration: Illustration, path: Path) -> None:
-    """Write a figure as PNG; the same figure gives the same bytes."""
-    draw(illustration).savefig(path, format='png', dpi=110, metadata={'Software': None})
+def png(illustration: Illustration) -> bytes:
+    """Draw a figure as a PNG file; the same figure gives the same bytes."""
+    file = io.BytesIO()
+    draw(illustration).savefig(file, format='png', dpi=110, metadata={'Software': None})
+    return file.getvalue()
 
 
 def draw(illustration: Illustration) -> Figure:

@@ -1,6 +1,7 @@
 """Writes the result of a trace into a folder: report, page, figures, series and models."""
 from __future__ import annotations
 
+from collections.abc import Sequence
 import csv
 import io
 import json
@@ -12,8 +13,9 @@ from typing import Any
 import numpy as np
 
 from hydro_twin.errors import UserError
+from hydro_twin.fitting.parallel import beside
 from hydro_twin.model import write_model
-from hydro_twin.report.drawing import write_png
+from hydro_twin.report.chart import Illustration
 from hydro_twin.report.figures import illustrations
 from hydro_twin.report.page import page
 from hydro_twin.report.summary import summarise
@@ -37,31 +39,39 @@ def write_files(result: TraceResult, folder: Path, provenance: dict[str, Any]) -
     """
     summary = summarise(result)
     drawn = illustrations(result)
-    html = page(result, summary, provenance, drawn)
     try:
         folder.mkdir(parents=True, exist_ok=True)
-        with TemporaryDirectory(dir=folder, prefix='.') as beside:
-            new = Path(beside) / 'new'
+        with (beside(_pictures, drawn) as pictures,
+              TemporaryDirectory(dir=folder, prefix='.') as hidden):
+            new = Path(hidden) / 'new'
             (new / FIGURES).mkdir(parents=True)
             (new / 'report.json').write_text(json.dumps(summary, indent=2, allow_nan=False),
                                              encoding='utf-8')
-            (new / 'report.html').write_text(html, encoding='utf-8')
+            (new / 'report.html').write_text(page(result, summary, provenance, drawn),
+                                             encoding='utf-8')
             write_series(result, new / 'series.csv')
-            for illustration in drawn:
-                write_png(illustration, new / FIGURES / f'{illustration.name}.png')
             write_model(result.after.with_record(provenance=provenance), new / 'model.yaml')
             if result.changed:
                 write_model(result.before.with_record(provenance=provenance),
                             new / 'before.yaml')
-            else:
+            for illustration, picture in zip(drawn, pictures(), strict=True):
+                (new / FIGURES / f'{illustration.name}.png').write_bytes(picture)
+            if not result.changed:
                 (folder / 'before.yaml').unlink(missing_ok=True)
             if (folder / FIGURES).exists():         # those of another trace must not stay
-                (folder / FIGURES).replace(Path(beside) / 'old')
+                (folder / FIGURES).replace(Path(hidden) / 'old')
             for path in new.iterdir():
                 path.replace(folder / path.name)
     except OSError as error:
         raise UserError(f'{folder}: cannot be written ({error.strerror})') from error
     return summary
+
+
+def _pictures(drawn: Sequence[Illustration]) -> list[bytes]:
+    """Draw the figures: matplotlib is imported only here, as a rule in another process."""
+    from hydro_twin.report.drawing import png
+
+    return [png(illustration) for illustration in drawn]
 
 
 def write_series(result: TraceResult, path: Path) -> None:

@@ -120,7 +120,7 @@ def test_a_speed_through_an_orifice_is_that_at_which_flow_and_load_agree():
 
 @pytest.mark.parametrize('key', [('rate_limit', 'rate'), ('saturation', 'opening')])
 def test_limits_are_limits(key):
-    limits = [0.7, 0.0, 0.0] if key[0] == 'rate_limit' else [-0.7, 0.7]
+    limits = [0.7, 0.0, 0.0] if key[0] == 'rate_limit' else [-0.7, 0.7, 0.0]
     np.testing.assert_array_equal(apply(key, V, limits), np.clip(V, -0.7, 0.7))
 
 
@@ -138,7 +138,7 @@ def test_a_soft_rate_limit_is_nearly_the_hyperbolic_tangent():
 
 
 def test_saturation_may_have_one_end():
-    np.testing.assert_array_equal(apply(('saturation', 'opening'), V, [-INF, 1.05]),
+    np.testing.assert_array_equal(apply(('saturation', 'opening'), V, [-INF, 1.05, 0.0]),
                                   np.minimum(V, 1.05))
 
 

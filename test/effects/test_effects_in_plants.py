@@ -15,7 +15,7 @@ from hydro_twin.predictors.system import assemble
 INF = math.inf
 NEUTRAL = {   # parameters with which a law changes nothing
     'friction': (0.0, 0.0, 1.0, INF, 0.0), 'dead_zone': (0.0, 0.0, 0.0), 'backlash': (0.0,),
-    'saturation': (-INF, INF), 'rate_limit': (INF, 0.0, 0.0), 'hysteresis': (0.0, 1.0),
+    'saturation': (-INF, INF, 0.0), 'rate_limit': (INF, 0.0, 0.0), 'hysteresis': (0.0, 1.0),
     'delay': (0.0,), 'lag': (0.0,), 'mode': (1e15, 1.0),
     'asymmetry': (0.0,), 'bias': (0.0,), 'orifice': (INF,), 'leakage': (0.0, 0.5),
     'stiffening': (0.0, 0.0, 1.0),

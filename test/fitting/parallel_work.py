@@ -1,6 +1,7 @@
 """What the tests of `parallel` have done in other processes; imports little."""
 import os
 import signal
+import sys
 import time
 
 from hydro_twin.fitting.parallel import in_processes
@@ -23,6 +24,12 @@ def threads_of_blas(_):
 
     time.sleep(0.02)
     return {pool['num_threads'] for pool in threadpool_info()}, os.getpid()
+
+
+def has_imported(module, _):
+    """Return whether the process has imported a module, and which it is."""
+    time.sleep(0.02)
+    return module in sys.modules, os.getpid()
 
 
 def divide(k):

@@ -11,14 +11,14 @@ import sys
 import time
 from typing import Any
 
-from parallel_work import divide, forked, inner, one_dies, slow, threads_of_blas
+from parallel_work import divide, forked, has_imported, inner, one_dies, slow, threads_of_blas
 import pytest
 
 from hydro_twin.effects import EFFECTS, Placed
 from hydro_twin.effects.curve import over
 from hydro_twin.errors import UserError, WorkerError
 from hydro_twin.fitting import parallel
-from hydro_twin.fitting.parallel import in_processes
+from hydro_twin.fitting.parallel import beside, in_processes
 from hydro_twin.plants import PLANTS
 
 CORES = len(os.sched_getaffinity(0))
@@ -76,14 +76,57 @@ def test_workers_may_start_before_the_work(monkeypatch):
     monkeypatch.setattr(parallel, '_pool', pool)
     monkeypatch.setattr(parallel, 'WORTH', math.inf)     # no work by itself starts any
     try:
-        parallel.prepare('hydro_twin.inference.trace')
+        parallel.prepare('hydro_twin.inference.trace', 'wave')
         first = list(pool.workers)
-        parallel.prepare('hydro_twin.inference.trace')
+        parallel.prepare('hydro_twin.inference.trace', 'wave')
         assert pool.workers == first
         assert len(first) == CORES - 1
         wait_for_workers()
     finally:
         parallel._end()
+
+
+@several
+def test_a_worker_with_nothing_to_do_imports_what_it_may_need(monkeypatch):
+    pool = parallel._Pool()
+    monkeypatch.setattr(parallel, '_pool', pool)
+    try:
+        parallel.prepare('json', 'wave')
+        end = time.monotonic() + 60.0
+        while {here for here, pid in in_processes(partial(has_imported, 'wave'), range(8))
+               if pid != os.getpid()} != {True}:
+            assert time.monotonic() < end
+            time.sleep(2.0 * parallel.LULL)
+    finally:
+        parallel._end()
+
+
+@several
+def test_one_call_beside_the_caller():
+    wait_for_workers()
+    with beside(slow, 7) as result:
+        time.sleep(1.0)
+        value, pid = result()
+    assert value == 7
+    assert pid != os.getpid()
+
+
+def test_what_no_worker_has_begun_is_done_by_the_caller(monkeypatch):
+    monkeypatch.setattr(parallel, '_pool', parallel._Pool())
+    here = os.getpid()
+    with beside(slow, 7) as result:
+        assert result() == (7, here)
+    wait_for_workers()
+    with beside(lambda k: (k, os.getpid()), 7) as result:
+        assert result() == (7, here)
+
+
+def test_an_error_beside_the_caller_is_raised_where_the_result_is_asked_for():
+    with beside(divide, 0) as result:
+        with pytest.raises(ZeroDivisionError):
+            result()
+    with beside(divide, 0):
+        pass
 
 
 def test_an_error_comes_in_its_turn():

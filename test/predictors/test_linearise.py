@@ -8,7 +8,7 @@ from hydro_twin.predictors.linearise import average, differentiate, straight, WE
 
 CASES = {                               # parameters, steepest slope of a signal read, and where
     'dead_zone': ((3.0, 0.5, 0.1), 0.0, (-4.0, -2.5, 0.5, 3.0, 8.0)),
-    'saturation': ((-2.0, 3.0), 0.0, (-3.0, 0.0, 2.9)),
+    'saturation': ((-2.0, 3.0, 0.0), 0.0, (-3.0, 0.0, 2.9)),
     'friction': ((2.0, 0.0, 1.0, np.inf, 0.0), 10.0, (-0.2, 0.0, 0.15, 0.4)),
 }
 

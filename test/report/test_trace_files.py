@@ -140,7 +140,7 @@ def test_nothing_is_replaced_before_all_is_made(tmp_path, written, nothing, monk
     def full(*_):
         raise OSError(28, 'No space left on device')
 
-    monkeypatch.setattr(trace_files, 'write_png', full)
+    monkeypatch.setattr(trace_files, '_pictures', full)
     with pytest.raises(UserError, match='cannot be written \\(No space left'):
         write_files(nothing, tmp_path, PROVENANCE)
     assert {name: (tmp_path / name).read_bytes() for name in names(tmp_path)} == before
