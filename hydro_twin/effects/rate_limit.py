@@ -55,4 +55,5 @@ EFFECT = Effect(
     refined=refined,
     distinguishable=distinguishable,
     law=law,
+    simpler='saturation',
 )

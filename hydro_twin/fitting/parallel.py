@@ -78,7 +78,8 @@ def beside[T, R](function: Callable[[T], R], argument: T) -> Iterator[Callable[[
     for, the caller calls the function then.
 
     Args:
-        function, argument: as those of `in_processes`.
+        function: of a module, or a partial of one, as for `in_processes`.
+        argument: of the call.
     """
     pool = _pool
     job = _job(function, [argument]) if pool.workers and not _within.item else None

@@ -26,6 +26,7 @@ from hydro_twin.inference.findings import (
     TRIED,
 )
 from hydro_twin.inference.proof import proof, residuals, surer_improvement
+from hydro_twin.inference.reading import equivalents
 from hydro_twin.inference.select import (
     Alternative,
     fit_alternatives,
@@ -40,7 +41,7 @@ from hydro_twin.inference.structure import drift, drifts
 from hydro_twin.predictors.scores import rms
 from hydro_twin.result import CLOSE, NEAR
 
-MOST = 3                # effects in a model
+MOST = 4                # effects in a model
 LEVEL = 1e-3            # significance, corrected for all that was tried
 WORTH = 0.01            # least share of the mean square error that the first effect takes off
 MORE = 0.06             # and each after it, unless it settles what is left
@@ -85,7 +86,7 @@ def grow(base: Fit, alternatives: Sequence[Alternative], context: Context) -> Ch
         better = finely(first.fit, context.parts, FINE_ENOUGH)
         context.remember(better)
         chain = exchange(Chain(better, (*chain.findings, found)), context)
-        chain = _simplified(_refined(chain, chain.findings[:-1], context), context)
+        chain = simplified(_refined(chain, chain.findings[:-1], context), context)
         if len(chain.findings) == MOST:
             break
         alternatives = context.fit_alternatives(chain.fit, LATER)
@@ -101,8 +102,36 @@ def settled(chain: Chain, base: Fit, context: Context) -> Chain:
         context: the data.
     """
     chain = _proven(chain, base, context)
-    chain = _simplified(_refined(chain, chain.findings, context), context)
-    return _without_refuted(chain, context)
+    chain = simplified(_refined(chain, chain.findings, context), context)
+    return _without_refuted(_with_equivalents(chain, context), context)
+
+
+def _with_equivalents(chain: Chain, context: Context) -> Chain:
+    """Fit laws that draw the same curve in the place of each static one: they are rivals.
+
+    Those that were fitted when it was chosen have not been refined since. A simpler one is
+    preferred unless it is clearly worse.
+    """
+    for k, found in enumerate(chain.findings):
+        models = equivalents(chain.fit.candidate, found.index, context.parts)
+        if not models:
+            continue
+        fits = [chain.fit, *search_all(models, context.parts, LONG)]
+        laws = [fit.candidate.effects[found.index] for fit in fits]
+        scores = criterion(fits)
+        near = [j for j, score in enumerate(scores) if score < min(scores) + CLEARLY]
+        best = next((j for j in near if laws[j].effect.id == laws[0].effect.simpler), near[0])
+        (without,) = context.without(fits[best], [found.index])
+        again = finding(without, fits[best], [
+            (law, fit) for j, (law, fit) in enumerate(zip(laws, fits, strict=True)) if j != best],
+            found.index)
+        fitted = {(law.effect, law.port) for law in laws}
+        others = [one for one in found.rivals if (one[0].effect, one[0].port) not in fitted]
+        again = replace(again, rivals=tuple(sorted(
+            (*again.rivals, *others), key=lambda rival: rival[1])))
+        chain = Chain(fits[best], (*chain.findings[:k], again, *chain.findings[k + 1:]))
+        context.remember(chain.fit)
+    return chain
 
 
 def _memoryless_first(alternatives: Sequence[Alternative], base: Fit, context: Context
@@ -155,7 +184,7 @@ def _refined(chain: Chain, findings: Sequence[Finding], context: Context) -> Cha
     return chain
 
 
-def _simplified(chain: Chain, context: Context) -> Chain:
+def simplified(chain: Chain, context: Context) -> Chain:
     """Put another effect in the place of each that is no longer distinguished from a simpler one.
 
     Beside a later effect a dead zone may shrink to nothing about a centre, and so be a bias.

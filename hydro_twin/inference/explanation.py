@@ -15,7 +15,7 @@ from hydro_twin.fitting.coloured import as_measured, is_coloured, whitened
 from hydro_twin.fitting.fit import Fit
 from hydro_twin.fitting.parts import Part
 from hydro_twin.inference.beam import widen
-from hydro_twin.inference.chain import finely, FINEST, grow, settled, supported
+from hydro_twin.inference.chain import finely, FINEST, grow, settled, simplified, supported
 from hydro_twin.inference.context import Context
 from hydro_twin.inference.curve import FittedCurve
 from hydro_twin.inference.findings import Chain
@@ -137,8 +137,12 @@ def _grown(base: Fit, context: Context, known: Sequence[Model]
 
 
 def _supported(chain: Chain, base: Fit, context: Context) -> Chain:
-    """Fit a chain with steps that are fine enough, and drop what explains too little."""
+    """Fit a chain with steps that are fine enough, and drop what explains too little.
+
+    A search that goes further may end where an effect is no longer distinguished from a simpler
+    one, too.
+    """
     if chain.findings:
         better = search(finely(chain.fit, context.parts, FINEST).candidate, context.parts, 60)
-        chain = supported(replace(chain, fit=better), base, context)
+        chain = supported(simplified(replace(chain, fit=better), context), base, context)
     return chain if chain.findings else Chain(base)

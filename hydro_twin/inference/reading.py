@@ -64,6 +64,12 @@ class Characteristic:
     signal: FloatArray
     passed: FloatArray
 
+    @property
+    def power(self) -> float:
+        """Sum of squares of what the curve adds."""
+        bend = self.passed - self.signal
+        return float(bend @ bend)
+
 
 @dataclass(frozen=True)
 class Composition:
@@ -90,26 +96,50 @@ def readings(candidate: Model, parts: Sequence[Part]) -> list[Model]:
         Up to `READ` models. None where the curve is over something else than what passes at its
         port, or where no composition draws it.
     """
-    drawn, sites = _along(candidate, parts)
+    last = len(candidate.effects) - 1
+    drawn, sites = _along(candidate, last, parts)
     forms = [_forms(drawn, site) for site in sites]
     tried = [_composed(drawn, some) for count in range(1, LAWS + 1)
              for some in combinations(forms, count)]
-    bend = drawn.passed - drawn.signal
-    power = float(bend @ bend)
+    power = drawn.power
     # One law more must leave half as much.
     ranked = sorted((one for one in tried if one.left < POOR * power),
                     key=lambda one: (one.left + CORNER * power) * 2.0 ** len(one.laws))
-    bare = candidate.without(len(candidate.effects) - 1)
+    bare = candidate.without(last)
     return [replace(bare, effects=(*bare.effects, *one.laws)) for one in ranked[:READ]]
 
 
-def _along(candidate: Model, parts: Sequence[Part]) -> tuple[Characteristic, list[Site]]:
-    """Find what the curve, the last effect, passes, and the static laws on the way of its signal.
+def equivalents(candidate: Model, index: int, parts: Sequence[Part]) -> list[Model]:
+    """Put other laws in the place of a static one, those that draw the same curve.
+
+    As a limit of a speed and a limit of the opening that it follows: what was found as one of them
+    may as well be the other.
+
+    Args:
+        candidate: a model.
+        index: of the law among its effects.
+        parts: what it was fitted to.
+    """
+    placed = candidate.effects[index]
+    if not is_static(placed.effect):
+        return []
+    drawn, sites = _along(candidate, index, parts)
+    tried = [min((_composed(drawn, [[form]]) for form in _forms(drawn, site)),
+                 key=lambda one: one.left)
+             for site in sites if site.effect is not placed.effect]
+    before, after = candidate.effects[:index], candidate.effects[index + 1:]
+    return [replace(candidate, effects=(*before, *one.laws, *after)) for one in tried
+            if one.left < CORNER * drawn.power]
+
+
+def _along(candidate: Model, index: int, parts: Sequence[Part]
+           ) -> tuple[Characteristic, list[Site]]:
+    """Find what a curve or static law passes, and the static laws on the way of its signal.
 
     A port is on the way where what reaches it goes with the signal but for a constant factor. Of
     the ports that a law may sit on, it is at the one that goes with it best.
     """
-    *_, placed = candidate.effects
+    placed = candidate.effects[index]
     plant, start_up = candidate.plant, candidate.start_up
     at_port, rows = [passing(candidate, placed, part) for part in parts], []
     for part in parts:
@@ -118,11 +148,11 @@ def _along(candidate: Model, parts: Sequence[Part]) -> tuple[Characteristic, lis
         rows.append(np.nan_to_num(seen[start_up:]))
     reaching = np.concatenate(rows)
     signal, own = (np.concatenate([np.nan_to_num(one.signals[name][start_up:]) for one in at_port])
-                   for name in (placed.effect.reads[0], 'value'))
+                   for name in (*placed.effect.reads, 'value', 'value')[:2])
     reaching[:, plant.ports.index(placed.port)] = own
     if not _alike(signal, own) > ALONG:
         return Characteristic(signal, signal), []
-    reach = spans(candidate.without(len(candidate.effects) - 1), parts)
+    reach = spans(candidate.without(index), parts)
     best: dict[str, tuple[float, Site]] = {}
     for effect, port in places(plant, candidate.effects):
         value = reaching[:, plant.ports.index(port)]
@@ -134,7 +164,17 @@ def _along(candidate: Model, parts: Sequence[Part]) -> tuple[Characteristic, lis
     share = np.linspace(0.0, 1.0, SAMPLES // 2)
     picked = np.sort(np.concatenate([np.quantile(signal, share),
                                      signal.min() + share * np.ptp(signal)]))
-    return Characteristic(picked, picked + values(placed, picked) / _gain(signal, own)), sites
+    if placed.effect.named:
+        passed = picked.copy()
+        _pass(placed, _gain(signal, own), passed)
+    else:
+        passed = picked + values(placed, picked) / _gain(signal, own)
+    return Characteristic(picked, passed), sites
+
+
+def _pass(placed: Placed, gain: float, signal: FloatArray) -> None:
+    """Pass a signal, of which `gain` times reaches its port, through a law, in place."""
+    transmit(signal, gain, code(placed.effect), np.array(placed.values), np.zeros(2))
 
 
 def _alike(signal: FloatArray, value: FloatArray) -> float:
@@ -152,7 +192,7 @@ def _missed(drawn: Characteristic, laws: Sequence[Placed], gains: Sequence[float
     """Return what laws one behind another leave of a curve, at the best gain of the plant."""
     passed = np.array(drawn.signal)
     for placed, factor in zip(laws, gains, strict=True):
-        transmit(passed, factor, code(placed.effect), np.array(placed.values), np.zeros(2))
+        _pass(placed, factor, passed)
     power = float(passed @ passed)
     scale = float(passed @ drawn.passed) / power if power > 0.0 else 0.0
     missed: FloatArray = drawn.passed - scale * passed

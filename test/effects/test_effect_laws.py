@@ -137,6 +137,19 @@ def test_a_soft_rate_limit_is_nearly_the_hyperbolic_tangent():
     np.testing.assert_allclose(nearly_hard, np.clip(V, -0.6, 0.6), atol=0.02)
 
 
+def test_a_soft_saturation_is_nearly_the_hyperbolic_tangent():
+    limit = np.where(V > 0, 0.5, 0.7)
+    found = apply(('saturation', 'opening'), V, [-0.7, 0.5, 0.37])
+    np.testing.assert_allclose(found, limit * np.tanh(V / limit), atol=0.0201 * 0.7)
+    one_end = apply(('saturation', 'opening'), V, [-INF, 0.5, 0.37])
+    np.testing.assert_allclose(one_end, np.where(V > 0, found, V), rtol=1e-12)
+
+
+def test_a_range_to_one_side_of_zero_has_corners():
+    np.testing.assert_array_equal(apply(('saturation', 'opening'), V, [0.2, 0.8, 0.37]),
+                                  np.clip(V, 0.2, 0.8))
+
+
 def test_saturation_may_have_one_end():
     np.testing.assert_array_equal(apply(('saturation', 'opening'), V, [-INF, 1.05, 0.0]),
                                   np.minimum(V, 1.05))

@@ -122,9 +122,8 @@ def test_what_no_worker_has_begun_is_done_by_the_caller(monkeypatch):
 
 
 def test_an_error_beside_the_caller_is_raised_where_the_result_is_asked_for():
-    with beside(divide, 0) as result:
-        with pytest.raises(ZeroDivisionError):
-            result()
+    with beside(divide, 0) as result, pytest.raises(ZeroDivisionError):
+        result()
     with beside(divide, 0):
         pass
 

@@ -7,7 +7,7 @@ import pytest
 from hydro_twin.effects.curve import curve, KNOTS
 from hydro_twin.fitting.parts import Part
 from hydro_twin.inference.curve import outweighs
-from hydro_twin.inference.reading import readings
+from hydro_twin.inference.reading import equivalents, readings
 from hydro_twin.model import Model, place
 from hydro_twin.plants import plant_named
 
@@ -101,3 +101,24 @@ def test_what_is_smaller_than_the_error_of_both_outweighs_nothing(bent):
     rough = [replace(part, measured=part.measured
                      + 1e-3 * np.sin(np.arange(len(part.measured)) / 20.0)) for part in parts]
     assert not outweighs(curved, named, rough)
+
+
+def test_a_limit_of_the_speed_is_one_of_the_opening():
+    """The speed follows the opening at once, so either law says the same."""
+    limit = place('rate_limit', 'piston', {
+        'limit': 0.015, 'imbalance': 0.2, 'softness': 0.2}, CYLINDER)
+    candidate, parts = driven(limit)
+    limited = next(model for model in equivalents(candidate, 0, parts)
+                   if model.effects[0].effect.id == 'saturation')
+    law, = limited.effects
+    assert law.port.kind == 'opening'
+    assert law.values == pytest.approx([-1.2, 1.8, 0.2], rel=0.02)
+    inputs = parts[0].inputs
+    np.testing.assert_allclose(limited.system.run(inputs, limited.system.start(inputs[0], 0.0)),
+                               parts[0].measured, atol=2e-4)
+
+
+def test_what_depends_on_more_than_its_port_has_no_equivalent():
+    candidate, parts = driven(place('end_stop', 'piston', {'lower': -0.01, 'upper': 0.01},
+                                    CYLINDER))
+    assert equivalents(candidate, 0, parts) == []

@@ -12,10 +12,10 @@ from traced_rig import fitted, PLANT, record
 from hydro_twin.fitting.output_error import residuals
 from hydro_twin.inference.chain import (
     _proven,
-    _simplified,
     _without_refuted,
     exchange,
     likely,
+    simplified,
     supported,
 )
 from hydro_twin.inference.context import Context
@@ -179,7 +179,7 @@ def test_a_dead_zone_that_shrinks_to_nothing_about_a_centre_is_a_bias(grown):
     chain, _, context = grown(shrunk, FRICTION)
     assert is_distinguishable(chain.fit, context.parts, 1)
     assert not is_distinguishable(chain.fit, context.parts, 0)
-    simple = _simplified(chain, context)
+    simple = simplified(chain, context)
     assert names(simple) == ['friction', 'bias']
     assert simple.indices == [0, 1]
     assert simple.fit.error < 1.01 * chain.fit.error
@@ -187,7 +187,7 @@ def test_a_dead_zone_that_shrinks_to_nothing_about_a_centre_is_a_bias(grown):
 
 def test_what_is_distinguished_stays_as_it_is(grown):
     chain, _, context = grown(FRICTION, BIAS)
-    assert _simplified(chain, context) == chain
+    assert simplified(chain, context) == chain
 
 
 @pytest.mark.slow
