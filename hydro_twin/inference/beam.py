@@ -17,6 +17,7 @@ from hydro_twin.inference.chain import (
     exchange,
     leaves_something,
     likely,
+    MOST,
     RIVALS,
     settled,
     WORTH,
@@ -27,8 +28,6 @@ from hydro_twin.inference.findings import Chain, finding, share
 from hydro_twin.inference.select import Alternative, refine
 
 WIDTH = 3               # models that go on
-LARGEST = 3             # effects in a model that is searched for so: on the development rigs no
-#                         chain of as many was replaced, and the search took half of the time
 DEEPER = 1              # effects in a model beyond those that are kept: one more may make an
 #                         earlier one needless
 
@@ -40,18 +39,22 @@ def widen(chain: Chain, base: Fit, alternatives: Sequence[Alternative], context:
     effects beside it, effects that have become needless are dropped, and the best go on. Models
     are compared by their BIC.
 
+    One that has as many effects as a model may have stays: on the development rigs none of those
+    was replaced, and the search took up to half of the time.
+
     Args:
         chain: what the greedy search found.
         base: the fit without any effect.
         alternatives: fits with one, best first.
         context: the data.
     """
-    if len(chain.findings) >= LARGEST or not alternatives or not leaves_something(chain, context):
+    full = len(chain.findings) == MOST
+    if full or not alternatives or not leaves_something(chain, context):
         return chain
     given = len(base.candidate.effects)
     seen: dict[frozenset[str], Fit] = {}
     beam = _best([one.fit for one in alternatives if likely(base, one.fit, WORTH)], seen)
-    for _ in range(LARGEST + DEEPER - 1):
+    for _ in range(MOST + DEEPER - 1):
         seen |= {_kinds(fit): fit for fit in beam}
         extended = [one.fit for fit in beam
                     for one in context.fit_alternatives(fit, AGAIN, _most(fit, chain))
@@ -59,7 +62,7 @@ def widen(chain: Chain, base: Fit, alternatives: Sequence[Alternative], context:
         beam = _best((_without_needless(fit, given, context)
                       for fit in _best(extended, seen)), seen)
     seen |= {_kinds(fit): fit for fit in beam}
-    whole = [fit for fit in seen.values() if len(fit.candidate.effects) <= given + LARGEST]
+    whole = [fit for fit in seen.values() if len(fit.candidate.effects) <= given + MOST]
     if not whole:
         return chain
     first, *scores = criterion([chain.fit, *whole])

@@ -41,7 +41,7 @@ from hydro_twin.inference.structure import drift, drifts
 from hydro_twin.predictors.scores import rms
 from hydro_twin.result import CLOSE, NEAR
 
-MOST = 4                # effects in a model
+MOST = 3                # effects in a model
 LEVEL = 1e-3            # significance, corrected for all that was tried
 WORTH = 0.01            # least share of the mean square error that the first effect takes off
 MORE = 0.06             # and each after it, unless it settles what is left
