@@ -44,7 +44,7 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
     """
     from hydro_twin.fitting.parallel import prepare
 
-    prepare('hydro_twin.inference.trace', 'hydro_twin.report.drawing')   # as this one imports
+    prepare('hydro_twin.inference.trace', 'hydro_twin.report.drawing')   # meanwhile
 
     from hydro_twin import api
     from hydro_twin.model import read_model

@@ -10,7 +10,7 @@ from hydro_twin.effects.soft_limit import is_limit, limited, SOFTNESS, TANH
 def law(v, s, p, z, h, c, z_next):  # type: ignore[no-untyped-def]
     """Keep the speed v between -limit (1 - imbalance) and limit (1 + imbalance).
 
-    Where it is soft, v / (1 + |v / limit|^n)^(1/n), n = 1 / softness: at 0.37 tanh to 2 %.
+    Where it is soft, as `limited` does on either side.
     """
     return limited(v, p[0] * (1.0 + p[1] if v > 0.0 else 1.0 - p[1]), p[2])
 

@@ -147,8 +147,9 @@ def _along(candidate: Model, index: int, parts: Sequence[Part]
         free_run(candidate, part, seen)
         rows.append(np.nan_to_num(seen[start_up:]))
     reaching = np.concatenate(rows)
+    read = placed.effect.reads[0] if placed.effect.reads else 'value'
     signal, own = (np.concatenate([np.nan_to_num(one.signals[name][start_up:]) for one in at_port])
-                   for name in (*placed.effect.reads, 'value', 'value')[:2])
+                   for name in (read, 'value'))
     reaching[:, plant.ports.index(placed.port)] = own
     if not _alike(signal, own) > ALONG:
         return Characteristic(signal, signal), []
@@ -164,17 +165,16 @@ def _along(candidate: Model, index: int, parts: Sequence[Part]
     share = np.linspace(0.0, 1.0, SAMPLES // 2)
     picked = np.sort(np.concatenate([np.quantile(signal, share),
                                      signal.min() + share * np.ptp(signal)]))
-    if placed.effect.named:
-        passed = picked.copy()
-        _pass(placed, _gain(signal, own), passed)
-    else:
-        passed = picked + values(placed, picked) / _gain(signal, own)
-    return Characteristic(picked, passed), sites
+    gain = _gain(signal, own)
+    return Characteristic(picked, _passed(placed, gain, picked) if placed.effect.named else
+                          picked + values(placed, picked) / gain), sites
 
 
-def _pass(placed: Placed, gain: float, signal: FloatArray) -> None:
-    """Pass a signal, of which `gain` times reaches its port, through a law, in place."""
-    transmit(signal, gain, code(placed.effect), np.array(placed.values), np.zeros(2))
+def _passed(placed: Placed, gain: float, signal: FloatArray) -> FloatArray:
+    """Pass a signal, of which `gain` times reaches its port, through a law, (N,)."""
+    passed = np.array(signal)
+    transmit(passed, gain, code(placed.effect), np.array(placed.values), np.zeros(2))
+    return passed
 
 
 def _alike(signal: FloatArray, value: FloatArray) -> float:
@@ -190,9 +190,9 @@ def _gain(signal: FloatArray, value: FloatArray) -> float:
 
 def _missed(drawn: Characteristic, laws: Sequence[Placed], gains: Sequence[float]) -> FloatArray:
     """Return what laws one behind another leave of a curve, at the best gain of the plant."""
-    passed = np.array(drawn.signal)
+    passed = drawn.signal
     for placed, factor in zip(laws, gains, strict=True):
-        _pass(placed, factor, passed)
+        passed = _passed(placed, factor, passed)
     power = float(passed @ passed)
     scale = float(passed @ drawn.passed) / power if power > 0.0 else 0.0
     missed: FloatArray = drawn.passed - scale * passed
