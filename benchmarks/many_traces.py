@@ -28,7 +28,7 @@ BUSY = 'while True: pass'
 WORK = f"""
 import sys
 from hydro_twin.commands.main import main
-from hydro_twin.fitting import parallel
+from hydro_twin import parallel
 parallel.WORTH = 0.0
 folder, *bags = sys.argv[1:]
 for k, bag in enumerate(bags):

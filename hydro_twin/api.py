@@ -10,11 +10,11 @@ from hydro_twin.blas import one_thread
 from hydro_twin.errors import UserError
 from hydro_twin.fitting import refit as fitting
 from hydro_twin.fitting.horizon import horizon_errors
-from hydro_twin.fitting.parallel import prepare
 from hydro_twin.fitting.refit import Refit, Request
 from hydro_twin.inference import excitation as exciting
 from hydro_twin.inference import trace as tracing
 from hydro_twin.model import load_predictor, Model, read_model
+from hydro_twin.parallel import prepare
 from hydro_twin.plants import Plant, plant_named
 from hydro_twin.plants.plant import FloatArray
 from hydro_twin.predictors import kind_named, MODES, OBSERVER, Predictor

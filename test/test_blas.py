@@ -8,8 +8,8 @@ from threadpoolctl import threadpool_info, threadpool_limits
 
 import hydro_twin as ht
 from hydro_twin.blas import one_thread
-from hydro_twin.fitting.parallel import on_one_core
 from hydro_twin.inference.trace import trace
+from hydro_twin.parallel import on_one_core
 from hydro_twin.share import share_folder
 
 

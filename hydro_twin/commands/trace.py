@@ -42,7 +42,7 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
     Returns:
         The report object.
     """
-    from hydro_twin.fitting.parallel import prepare
+    from hydro_twin.parallel import prepare
 
     prepare('hydro_twin.inference.trace', 'hydro_twin.report.drawing')   # meanwhile
 

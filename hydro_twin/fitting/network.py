@@ -11,8 +11,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from hydro_twin.errors import UserError
-from hydro_twin.fitting.parallel import in_processes
 from hydro_twin.fitting.regression import regression, regressors
+from hydro_twin.parallel import in_processes
 from hydro_twin.plants import Plant
 from hydro_twin.predictors import kinds
 from hydro_twin.predictors.kind import Settings

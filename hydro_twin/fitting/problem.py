@@ -16,11 +16,11 @@ from hydro_twin.fitting.output_error import (
     usual_response,
 )
 from hydro_twin.fitting.outputs import Pieces, sensors_in, Stack
-from hydro_twin.fitting.parallel import in_processes
 from hydro_twin.fitting.parts import Part
 from hydro_twin.fitting.start import Eliminated, Start, without_start
 from hydro_twin.fitting.unknowns import coordinates_of, get, put, Unknown, usual
 from hydro_twin.model import Model
+from hydro_twin.parallel import in_processes
 from hydro_twin.plants.plant import FloatArray
 from hydro_twin.predictors.scores import rms
 from hydro_twin.predictors.system import System

@@ -9,9 +9,9 @@ from typing import Any
 
 from hydro_twin.api import read_data, trace
 from hydro_twin.errors import BagError, UserError
-from hydro_twin.fitting.parallel import on_one_core
 from hydro_twin.fleet import store
 from hydro_twin.fleet.manifest import Task
+from hydro_twin.parallel import on_one_core
 from hydro_twin.plants import plant_named
 from hydro_twin.recording.digest import source_of
 from hydro_twin.recording.rig import Rig, rig_of

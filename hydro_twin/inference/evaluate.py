@@ -14,7 +14,6 @@ from hydro_twin.fitting.horizon import HORIZON, horizon_errors
 from hydro_twin.fitting.identifiability import Identifiability
 from hydro_twin.fitting.noise import estimate_noise
 from hydro_twin.fitting.outputs import sensor_rms
-from hydro_twin.fitting.parallel import in_processes
 from hydro_twin.fitting.unknowns import get, label
 from hydro_twin.inference.evidence import Evidence
 from hydro_twin.inference.probability import of_verdict
@@ -22,6 +21,7 @@ from hydro_twin.inference.shape import shape_of
 from hydro_twin.inference.structure import drifts
 from hydro_twin.inference.verdict import is_structured, LIKELY, named_effects, verdict_of
 from hydro_twin.model import Model
+from hydro_twin.parallel import in_processes
 from hydro_twin.plants.plant import FloatArray
 from hydro_twin.predictors.analytical import Analytical
 from hydro_twin.predictors.predictor import MODES, OBSERVER

@@ -16,10 +16,10 @@ import numpy as np
 from hydro_twin.effects import Effect, EFFECTS, Placed, sites, Span
 from hydro_twin.fitting.fit import Fit
 from hydro_twin.fitting.output_error import free_run, initial_states, residuals_from
-from hydro_twin.fitting.parallel import in_processes
 from hydro_twin.fitting.parts import Part, travel_of
 from hydro_twin.fitting.unknowns import left_alone
 from hydro_twin.model import Model
+from hydro_twin.parallel import in_processes
 from hydro_twin.plants import Plant, Port
 from hydro_twin.plants.plant import FloatArray
 from hydro_twin.result import Hidden

@@ -17,7 +17,6 @@ from hydro_twin.effects import Placed
 from hydro_twin.fitting.fit import Fit
 from hydro_twin.fitting.linear import SUBSTEPS
 from hydro_twin.fitting.output_error import residuals
-from hydro_twin.fitting.parallel import in_processes
 from hydro_twin.fitting.parts import Part
 from hydro_twin.fitting.problem import Problem, solve_all
 from hydro_twin.fitting.unknowns import (
@@ -39,6 +38,7 @@ from hydro_twin.inference.starts import (
     with_effect,
 )
 from hydro_twin.model import Model
+from hydro_twin.parallel import in_processes
 from hydro_twin.predictors.scores import rms
 
 LEADING, RACING = 6, 4      # effects that promise most; evaluations from two starts of each

@@ -14,12 +14,12 @@ from hydro_twin.fitting.equation_error import one_step_values
 from hydro_twin.fitting.fit import Fit
 from hydro_twin.fitting.horizon import between_ends
 from hydro_twin.fitting.output_error import initial_states, residuals_from
-from hydro_twin.fitting.parallel import in_processes
 from hydro_twin.fitting.parts import Part
 from hydro_twin.fitting.unknowns import usual
 from hydro_twin.inference.screen import places, Prospect, spans
 from hydro_twin.inference.structure import drift, drifting, drifts
 from hydro_twin.model import Model, place
+from hydro_twin.parallel import in_processes
 from hydro_twin.plants.plant import FloatArray
 from hydro_twin.predictors.scores import rms
 

@@ -13,8 +13,8 @@ from typing import Any
 import numpy as np
 
 from hydro_twin.errors import UserError
-from hydro_twin.fitting.parallel import beside
 from hydro_twin.model import write_model
+from hydro_twin.parallel import beside
 from hydro_twin.report.chart import Illustration
 from hydro_twin.report.figures import illustrations
 from hydro_twin.report.page import page

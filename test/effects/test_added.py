@@ -58,7 +58,7 @@ def test_the_plant_is_simulated_and_traced_to_the_effect(copy, tmp_path):
     code = """
 import sys
 from hydro_twin.commands.main import main
-from hydro_twin.fitting.parallel import on_one_core
+from hydro_twin.parallel import on_one_core
 bag, out = sys.argv[1:]
 with on_one_core():
     assert main(['simulate', '--plant', 'accumulator', '-o', bag, '--snr', '40', '--json',

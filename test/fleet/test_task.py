@@ -11,11 +11,11 @@ import pytest
 from trace_by_hand import result
 
 from hydro_twin.errors import BagError
-from hydro_twin.fitting.parallel import in_processes, on_one_core
 from hydro_twin.fleet import store
 from hydro_twin.fleet.factors import rows_of
 from hydro_twin.fleet.manifest import Task
 from hydro_twin.fleet.task import command_of, factor_of, run, values_of
+from hydro_twin.parallel import in_processes, on_one_core
 from hydro_twin.plants import plant_named
 from hydro_twin.recording.digest import source_of
 from hydro_twin.recording.rig import rig_of
@@ -160,8 +160,8 @@ def pid(k):
 @pytest.mark.slow
 def test_on_one_core_nothing_spreads(monkeypatch):
     """Not even where workers wait already, and though the work is worth it."""
-    monkeypatch.setattr('hydro_twin.fitting.parallel.WORTH', 0.0)
-    monkeypatch.setattr('hydro_twin.fitting.parallel._cores', lambda: 2)
+    monkeypatch.setattr('hydro_twin.parallel.WORTH', 0.0)
+    monkeypatch.setattr('hydro_twin.parallel._cores', lambda: 2)
     end = time.monotonic() + 60.0           # by which a worker has surely started
     while len(set(in_processes(pid, range(50)))) < 2:
         assert time.monotonic() < end

@@ -239,7 +239,7 @@ def test_the_linear_fit_is_no_worse_than_that_of_refit():
 def test_one_process_finds_what_the_verb_does_on_all_cores(rubbing, files, reference,
                                                            monkeypatch):
     """To the last digit, and what it prints is what it writes."""
-    monkeypatch.setattr('hydro_twin.fitting.parallel._cores', lambda: 1)
+    monkeypatch.setattr('hydro_twin.parallel._cores', lambda: 1)
     read = Recording(tuple(replace(one, source=str(files / 'bag')) for one in rubbing.series))
     report = summarise(trace(read, None, PLANT))
     assert json.loads(json.dumps(plain(report))) == reference

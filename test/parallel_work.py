@@ -4,7 +4,7 @@ import signal
 import sys
 import time
 
-from hydro_twin.fitting.parallel import in_processes
+from hydro_twin.parallel import in_processes
 
 
 def slow(k, offset=0):

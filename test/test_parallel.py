@@ -14,11 +14,11 @@ from typing import Any
 from parallel_work import divide, forked, has_imported, inner, one_dies, slow, threads_of_blas
 import pytest
 
+from hydro_twin import parallel
 from hydro_twin.effects import EFFECTS, Placed
 from hydro_twin.effects.curve import over
 from hydro_twin.errors import UserError, WorkerError
-from hydro_twin.fitting import parallel
-from hydro_twin.fitting.parallel import beside, in_processes
+from hydro_twin.parallel import beside, in_processes
 from hydro_twin.plants import PLANTS
 
 CORES = len(os.sched_getaffinity(0))
@@ -182,7 +182,7 @@ def run(script, *options, **more):
 
 SCRIPT = """
 import os, time
-from hydro_twin.fitting import parallel
+from hydro_twin import parallel
 parallel.WORTH = 0.0
 print('begins')
 for _ in range(600):
@@ -216,7 +216,7 @@ def is_alive(pid):
 
 ENDLESS = """
 import time
-from hydro_twin.fitting import parallel
+from hydro_twin import parallel
 parallel.WORTH = 0.0
 list(parallel.in_processes(time.sleep, [0.02] * 8))
 print('begins', flush=True)
