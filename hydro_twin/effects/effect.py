@@ -44,6 +44,7 @@ class Span:
         signals: largest magnitude of each signal there.
         travel: of each signal there, from its least to its largest.
         measured: least and largest output in all that was recorded, but for a hundredth of it.
+        lasting: for how many samples in a row the value is near its least or its largest.
     """
 
     low: float
@@ -52,6 +53,7 @@ class Span:
     travel: Mapping[str, float]
     measured: tuple[float, float]
     sample_time: float
+    lasting: int
 
     @property
     def value(self) -> float:

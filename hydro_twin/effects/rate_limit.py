@@ -5,6 +5,8 @@ from hydro_twin.compiled import compiled
 from hydro_twin.effects.effect import Effect, EffectParameter, Span, Starts
 from hydro_twin.effects.soft_limit import is_limit, limited, SOFTNESS, TANH
 
+LASTING = 3             # samples: a limit that is over sooner is a lag that no sample resolves
+
 
 @compiled
 def law(v, s, p, z, h, c, z_next):  # type: ignore[no-untyped-def]
@@ -33,10 +35,10 @@ def refined(span: Span, values: tuple[float, ...]) -> Starts:
 
 
 def distinguishable(span: Span, values: tuple[float, ...]) -> bool:
-    """Distinguish a limit that is reached, at least one way, from a gain that falls with speed."""
+    """Distinguish a limit from a gain that falls, if it is reached, and a lag, if it lasts."""
     limit, imbalance, softness = values
-    return is_limit(span.low, span.high, -limit * (1.0 - imbalance), limit * (1.0 + imbalance),
-                    softness)
+    return span.lasting >= LASTING and is_limit(
+        span.low, span.high, -limit * (1.0 - imbalance), limit * (1.0 + imbalance), softness)
 
 
 EFFECT = Effect(

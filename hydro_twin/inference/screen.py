@@ -12,6 +12,7 @@ from functools import partial
 import math
 
 import numpy as np
+import numpy.typing as npt
 
 from hydro_twin.effects import Effect, EFFECTS, Placed, sites, Span
 from hydro_twin.fitting.fit import Fit
@@ -24,6 +25,7 @@ from hydro_twin.plants import Plant, Port
 from hydro_twin.plants.plant import FloatArray
 from hydro_twin.result import Hidden
 
+NEAR = 0.9              # share of the largest value, from which it counts as near that
 VISIBLE = 50.0          # ratio of an effect's energy to the noise variance at which it shows
 
 
@@ -48,27 +50,37 @@ def spans(candidate: Model, parts: Sequence[Part]) -> dict[Port, Span]:
     anywhere.
     """
     plant = candidate.plant
-    rows = len(candidate.system.step.H)
-    low, high = np.full(rows, np.inf), np.full(rows, -np.inf)
+    runs = []
     for part in parts:
-        seen = np.zeros((len(part.inputs), rows))
+        seen = np.zeros((len(part.inputs), len(candidate.system.step.H)))
         free_run(candidate, part, seen)
-        seen = np.nan_to_num(seen[candidate.start_up:])
-        low, high = np.minimum(low, seen.min(axis=0)), np.maximum(high, seen.max(axis=0))
+        runs.append(np.nan_to_num(seen[candidate.start_up:]))
+    low = np.min([run.min(axis=0) for run in runs], axis=0)
+    high = np.max([run.max(axis=0) for run in runs], axis=0)
+    lasting = np.max([longest(near) for run in runs
+                      for near in (run >= NEAR * high, run <= NEAR * low)], axis=0)
     largest = np.maximum(np.maximum(abs(low), abs(high)), 1e-12)
     travel = travel_of(parts)
     found, at = {}, len(plant.ports)
     for port in plant.parameter_ports:
-        found[port] = Span(0.0, 0.0, {}, {}, travel, candidate.sample_time)
+        found[port] = Span(0.0, 0.0, {}, {}, travel, candidate.sample_time, 0)
     for row, port in enumerate(plant.ports):
         here = slice(at, at + len(port.signals))
         found[port] = Span(
             float(low[row]), float(high[row]),
             dict(zip(port.signals, largest[here].tolist(), strict=True)),
             dict(zip(port.signals, (high - low)[here].tolist(), strict=True)),
-            travel, candidate.sample_time)
+            travel, candidate.sample_time, int(lasting[row]))
         at = here.stop
     return found
+
+
+def longest(holds: npt.NDArray[np.bool_]) -> npt.NDArray[np.int64]:
+    """Count the most samples in a row at which something holds, of each column of (N, rows)."""
+    count = np.cumsum(holds, axis=0)
+    since = count - np.maximum.accumulate(np.where(holds, 0, count), axis=0)
+    most: npt.NDArray[np.int64] = since.max(axis=0)
+    return most
 
 
 def places(plant: Plant, taken: Sequence[Placed], parameters: bool = False

@@ -1,6 +1,7 @@
 """Which port and signal a residual depends on, where that is known."""
 from dataclasses import replace
 from functools import cache
+from itertools import groupby
 
 import numpy as np
 import pytest
@@ -11,7 +12,7 @@ from hydro_twin.fitting.linear import fit_linear
 from hydro_twin.fitting.output_error import free_run
 from hydro_twin.fitting.parts import Part, parts_of
 from hydro_twin.fitting.port_signals import explained, predicted_by_ports
-from hydro_twin.inference.screen import hidden, screen, spans
+from hydro_twin.inference.screen import hidden, longest, screen, spans
 from hydro_twin.inference.select import LONG, search
 from hydro_twin.inference.structure import (
     dependences,
@@ -139,6 +140,16 @@ def test_a_share_is_the_signals():
         _, share, p_value = explained(*regression(seed, 1.0))
         assert share == pytest.approx(0.5, abs=0.06)
         assert p_value < 1e-3
+
+
+def test_the_longest_that_something_holds():
+    rng = np.random.default_rng(0)
+    holds = rng.random((200, 5)) < [0.0, 0.3, 0.6, 0.9, 1.0]
+    by_hand = [max(len(list(run)) if value else 0 for value, run in groupby(column))
+               for column in holds.T]
+    assert longest(holds).tolist() == by_hand
+    assert by_hand[0] == 0
+    assert by_hand[-1] == 200
 
 
 def test_spans_are_what_a_run_reaches(linear):
