@@ -6,8 +6,8 @@ from hydro_twin.effects.effect import EffectParameter
 
 HARD = 0.02             # softness below which there is a corner
 REACHED = 0.8           # share of a limit that a soft one must come to, or it is but a bend
-SOFTEST = 0.5           # softness of no limit any more: a tanh has 0.37, orifice flow more
-TANH = 0.37             # from which a search begins
+SOFTEST = 0.45          # softness of no limit any more: a tanh has 0.37, orifice flow 0.5 or more
+TANH = 0.37             # softness from which a search begins
 
 SOFTNESS = EffectParameter('softness', 'of the corners, one over their power', '1', 0.0, SOFTEST,
                            log=False, refinement=0.0)

@@ -183,5 +183,5 @@ def test_a_soft_rate_limit_is_told_from_a_falling_gain_only_where_it_is_reached(
     assert rate_limit.distinguishable(span, (0.3, 0.0, 0.0))
     assert rate_limit.distinguishable(span, (0.35, 0.0, 0.4))
     assert not rate_limit.distinguishable(span, (0.7, 0.0, 0.4))
-    assert not rate_limit.distinguishable(span, (0.35, 0.0, 0.5))    # as orifice flow is
+    assert not rate_limit.distinguishable(span, (0.35, 0.0, 0.45))   # as orifice flow is
     assert rate_limit.distinguishable(span, (0.7, -0.65, 0.3))       # upwards only
