@@ -219,7 +219,8 @@ def test_a_known_parameter_is_held_and_the_others_are_reported(short_steps, tmp_
     assert re.search(r"k_1:\n    value: 1.093\n    unit: '1'\n    std_error: held", text)
     model = read_model(path)
     assert model.parameters['k_1'].held
-    assert model.effects[0].named == {'lower': 0.0, 'upper': pytest.approx(1.05)}
+    assert model.effects[0].named == {'lower': 0.0, 'upper': pytest.approx(1.05),
+                                      'softness': 0.0}
 
 
 @pytest.mark.parametrize('arguments', [
