@@ -47,11 +47,15 @@ def key_of(bag):
 
 
 def command(bags, out, *more):
-    """Start the verb as a user does, in a session of its own."""
+    """Start the verb as a user does, in a session of its own.
+
+    It heeds Ctrl-C also where the tests were started in the background of a script, which hands
+    on that it be ignored.
+    """
     return subprocess.Popen(
-        [sys.executable, '-m', 'hydro_twin.commands.main', 'fleet', bags / 'fleet.csv', '-o', out,
-         *(more or ('--workers', '1')), '--json'], stdout=subprocess.PIPE,
-        stderr=subprocess.PIPE, text=True, start_new_session=True)
+        ['env', '--default-signal=INT', sys.executable, '-m', 'hydro_twin.commands.main', 'fleet',
+         bags / 'fleet.csv', '-o', out, *(more or ('--workers', '1')), '--json'],
+        stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, start_new_session=True)
 
 
 def ended(process):
