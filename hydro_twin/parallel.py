@@ -245,7 +245,7 @@ class _Pool:
         self.jobs: list[_Job] = []
         self.changed = Condition()
 
-    def start(self, workers: int, module: str = __name__, later: str = __name__) -> None:
+    def start(self, workers: int, module: str = __name__, later: str = '') -> None:
         """Start workers until there are so many, see `prepare`."""
         with self.changed:
             while len(self.workers) < workers:
@@ -353,7 +353,7 @@ def _serve(descriptor: int, later: str) -> None:
 
     Args:
         descriptor: of the pipe.
-        later: a module to import as soon as there is nothing to do.
+        later: a module to import as soon as there is nothing to do, if any.
     """
     connection = Connection(descriptor)
     messages: SimpleQueue[bytes] = SimpleQueue()

@@ -44,7 +44,8 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
     """
     from hydro_twin.parallel import prepare
 
-    prepare('hydro_twin.inference.trace', 'hydro_twin.report.drawing')   # meanwhile
+    # As `api.trace` does, but before this process takes a second to import the same.
+    prepare('hydro_twin.inference.trace', 'hydro_twin.report.drawing')
 
     from hydro_twin import api
     from hydro_twin.model import read_model

@@ -19,13 +19,13 @@ from hydro_twin.inference.chain import (
     likely,
     MOST,
     RIVALS,
-    settled,
     WORTH,
 )
 from hydro_twin.inference.context import Context
 from hydro_twin.inference.criterion import CLEARLY, criterion
 from hydro_twin.inference.findings import Chain, finding, share
 from hydro_twin.inference.select import Alternative, refine
+from hydro_twin.inference.settle import settled
 
 WIDTH = 3               # models that go on
 DEEPER = 1              # effects in a model beyond those that are kept: one more may make an

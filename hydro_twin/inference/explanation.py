@@ -15,12 +15,13 @@ from hydro_twin.fitting.coloured import as_measured, is_coloured, whitened
 from hydro_twin.fitting.fit import Fit
 from hydro_twin.fitting.parts import Part
 from hydro_twin.inference.beam import widen
-from hydro_twin.inference.chain import finely, FINEST, grow, settled, simplified, supported
+from hydro_twin.inference.chain import finely, FINEST, grow, simplified, supported
 from hydro_twin.inference.context import Context
 from hydro_twin.inference.curve import FittedCurve
 from hydro_twin.inference.findings import Chain
 from hydro_twin.inference.proof import proof
 from hydro_twin.inference.select import Alternative, fit_alternatives, LONG, search
+from hydro_twin.inference.settle import settled
 from hydro_twin.inference.weighing import with_curve
 from hydro_twin.model import Model
 

@@ -57,8 +57,9 @@ def spans(candidate: Model, parts: Sequence[Part]) -> dict[Port, Span]:
         runs.append(np.nan_to_num(seen[candidate.start_up:]))
     low = np.min([run.min(axis=0) for run in runs], axis=0)
     high = np.max([run.max(axis=0) for run in runs], axis=0)
-    lasting = np.max([longest(near) for run in runs
-                      for near in (run >= NEAR * high, run <= NEAR * low)], axis=0)
+    P = len(plant.ports)
+    lasting = np.max([longest(near) for run in runs for near in (
+        run[:, :P] >= NEAR * high[:P], run[:, :P] <= NEAR * low[:P])], axis=0)
     largest = np.maximum(np.maximum(abs(low), abs(high)), 1e-12)
     travel = travel_of(parts)
     found, at = {}, len(plant.ports)

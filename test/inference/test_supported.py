@@ -11,8 +11,6 @@ from traced_rig import fitted, PLANT, record
 
 from hydro_twin.fitting.output_error import residuals
 from hydro_twin.inference.chain import (
-    _proven,
-    _without_refuted,
     exchange,
     likely,
     simplified,
@@ -23,6 +21,7 @@ from hydro_twin.inference.criterion import whitened_gain
 from hydro_twin.inference.findings import Chain, explained_share, Finding
 from hydro_twin.inference.noise import noise_floor
 from hydro_twin.inference.select import Alternative, is_distinguishable, search, searched
+from hydro_twin.inference.settle import _proven, _without_refuted
 from hydro_twin.model import place
 from hydro_twin.recording.series import Recording
 from hydro_twin.result import Improvement
@@ -126,7 +125,7 @@ def test_an_effect_is_proven_by_the_whole_interval_of_its_improvement(grown, mon
     """However much likelier the data are with it."""
     chain, alone, context = grown(FRICTION, BIAS)
     assert names(_proven(chain, alone, context)) == ['friction', 'bias']
-    monkeypatch.setattr('hydro_twin.inference.chain.surer_improvement',
+    monkeypatch.setattr('hydro_twin.inference.settle.surer_improvement',
                         lambda before, after, seed: Improvement(0.3, -0.11, 0.65))
     assert names(_proven(chain, alone, context)) == []
 
@@ -139,7 +138,7 @@ def test_effects_stay_that_are_proven_only_together(grown, monkeypatch, bias_hel
     helps = iter([Improvement(0.6, 0.03, 0.9), Improvement(bias_helps, -0.2, 0.7),  # with both in
                   Improvement(0.5, -0.3, 0.8),                                      # friction only
                   Improvement(0.8, together, 0.9)])
-    module = 'hydro_twin.inference.chain'
+    module = 'hydro_twin.inference.settle'
     monkeypatch.setattr(f'{module}.surer_improvement', lambda *_: next(helps))
     monkeypatch.setattr(f'{module}.exchange', lambda chain, context, last: chain)
     assert names(_proven(chain, alone, context)) == left
@@ -196,7 +195,7 @@ def test_what_stood_beside_an_effect_that_is_dropped_is_chosen_again(grown, monk
     chain, alone, context = grown(('leakage', 'leakage', {'flow': 1e-7, 'exponent': 0.5}),
                                   BIAS)
     helps = iter([1.0, -0.1])               # of each with both in
-    module = 'hydro_twin.inference.chain'
+    module = 'hydro_twin.inference.settle'
     monkeypatch.setattr(f'{module}.surer_improvement',
                         lambda *_: Improvement(0.0, next(helps, 1.0), 1.0))
     assert names(_proven(chain, alone, context)) == ['friction']
@@ -206,7 +205,7 @@ def test_an_effect_that_another_replaces_as_a_simpler_law_stays(grown, monkeypat
     """Without the bias the hysteresis would be a constant: that it can is no proof against it."""
     chain, alone, context = grown(BIAS, ('hysteresis', 'command', {'width': 0.1}))
     helps = iter([-0.1, -0.1, 1.0])         # of each with both in, and of the one that is left
-    module = 'hydro_twin.inference.chain'
+    module = 'hydro_twin.inference.settle'
     monkeypatch.setattr(f'{module}.surer_improvement',
                         lambda *_: Improvement(0.0, next(helps), 1.0))
     monkeypatch.setattr(
@@ -227,5 +226,5 @@ def test_a_rival_is_refuted_where_held_out_data_tell_as_much_as_distinguishes_la
     rival = place('bias', 'sensor', {'offset': -2.0}, PLANT), 1.0
     friction, bias = chain.findings
     chain = replace(chain, findings=(friction, replace(bias, rivals=(rival,))))
-    monkeypatch.setattr('hydro_twin.inference.chain.surer_improvement', lambda *_: gain)
+    monkeypatch.setattr('hydro_twin.inference.settle.surer_improvement', lambda *_: gain)
     assert _without_refuted(chain, context).findings[1].rivals == (() if refuted else (rival,))
