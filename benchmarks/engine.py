@@ -65,7 +65,7 @@ def problem() -> Problem:
     begun = Model(PLANT, values | {p.name: values[p.name] * rng.uniform(0.8, 1.25)
                                    for p in PLANT.parameters}, PLANT.sample_time,
                   friction(7.0, 1.0), {'u_m': -0.2 * PLANT.sample_time}, substeps=2)
-    unknowns = plant_unknowns(PLANT, 'physical') + timing_unknowns(PLANT, PLANT.sample_time)
+    unknowns = plant_unknowns(PLANT, 'physical') + timing_unknowns(begun)
     for index, placed in enumerate(begun.effects):
         unknowns += effect_unknowns(index, placed)
     return Problem(begun, unknowns, [part])

@@ -109,6 +109,8 @@ class ModelFile(Struct, kw_only=True):
     constants: dict[str, Value] | None = None
     timing: Annotated[dict[str, float] | None,
                       Meta(description='how late each input acts [s]')] = None
+    interpolation: Annotated[Literal['hold', 'linear'],
+                             Meta(description='of commands between samples')] = 'hold'
     effects: tuple[EffectEntry, ...] | None = None
     observer: NoiseEntry | UnsetType = UNSET
     network: Annotated[str | None, Meta(description='file of its weights, beside it')] = None

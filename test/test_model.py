@@ -173,6 +173,7 @@ def put(*keys, value):
     (put('substeps', value=0), 'substeps 0'),
     (put('substeps', value=2.5), 'substeps 2.5'),
     (put('timing', value={'T_g': 0.0}), 'timing of T_g'),
+    (put('interpolation', value='cubic'), 'interpolation cubic must be hold or linear'),
 ])
 def test_a_damaged_model_is_refused_in_one_line_with_its_file(raw, tmp_path, edit, says):
     edit(raw)

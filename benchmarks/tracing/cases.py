@@ -10,19 +10,27 @@ from benchmarks.tracing.lacking import EFFECTS, OUTSIDE, STATIC, VARIED
 from benchmarks.tracing.rigs import make_rig, Rig
 from benchmarks.tracing.signals import EXCITATIONS
 
-KINDS = ('none', 'single', 'variant', 'outside', 'pair', 'static')
+KINDS = ('none', 'single', 'variant', 'outside', 'pair', 'static', 'triple')
+SEVERAL = ('pair', 'triple')
 NOISE_LEVELS = (46.0, 26.0, 36.0)
 FIRST_SEED = {'development': 0, 'held_out': 1_000_000}
 BLOCK = 2000    # seeds of a kind
 
-_PAIRS = list(combinations(EFFECTS, 2))
+
+def _together(count: int) -> list[tuple[str, ...]]:
+    """List all sets of so many effects, in an order by chance."""
+    every = list(combinations(EFFECTS, count))
+    return [every[i] for i in np.random.default_rng(0).permutation(len(every))]
+
+
 _CHOICES: dict[str, list[tuple[str, ...]]] = {
     'none': [()],
     'single': [(e,) for e in EFFECTS],
     'variant': [(e,) for e in VARIED],
     'outside': [(e,) for e in OUTSIDE],
-    'pair': [_PAIRS[i] for i in np.random.default_rng(0).permutation(len(_PAIRS))],
+    'pair': _together(2),
     'static': [(e,) for e in STATIC],
+    'triple': _together(3),
 }
 
 

@@ -6,6 +6,7 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Callable, Iterable, Sequence
+from itertools import product
 import json
 from pathlib import Path
 import sys
@@ -13,6 +14,7 @@ from typing import Any
 
 import numpy as np
 
+from benchmarks.tracing.cases import SEVERAL
 from benchmarks.tracing.lacking import STATIC
 
 Line = dict[str, Any]
@@ -41,9 +43,9 @@ def certain(line: Line) -> list[str]:
 
 
 def outcome(line: Line) -> str:
-    """Judge a trace: 'right', 'part' (of a pair), 'ambiguous', 'wrong', a verdict or 'failure'.
+    """Judge a trace: 'right', 'part' (of several), 'ambiguous', 'wrong', a verdict or 'failure'.
 
-    right: the effect first, or both of a pair. For 'none', 'outside' and 'static' nothing is to be
+    right: the effect first, or all of several. For 'none', 'outside' and 'static' nothing is to be
     named, but for what of 'outside' the library has a name.
     ambiguous: another first, in a set from which, by the report, the right one cannot be
     distinguished.
@@ -56,9 +58,10 @@ def outcome(line: Line) -> str:
         return 'right'
     if line['kind'] in ('none', 'outside', 'static'):
         return 'wrong' if names else verdict
-    if line['kind'] == 'pair':
-        found = len(set(there) & set(names))
-        return ('part' if found == 1 else 'right') if found else 'wrong' if names else verdict
+    if line['kind'] in SEVERAL:
+        if set(there) <= set(names):
+            return 'right'
+        return 'part' if set(there) & set(names) else 'wrong' if names else verdict
     if names[:1] == list(there):
         return 'right'
     if any(there[0] in together for together in line['report']['ambiguous']):
@@ -69,12 +72,12 @@ def outcome(line: Line) -> str:
 def report(lines: Sequence[Line]) -> str:
     """Return the figures, the confusion matrix and the outcomes by kind, noise and excitation."""
     parts = ['| figure | reached | of |', '|---|---|---|', *_figures(lines), '']
-    for kind in ('single', 'variant', 'pair', 'outside', 'static', 'none'):
+    for kind in ('single', 'variant', *SEVERAL, 'outside', 'static', 'none'):
         of_kind = [line for line in lines if line['kind'] == kind]
         if not of_kind:
             continue
         for key in ('snr_db', 'excitation', 'effects'):
-            if kind != 'pair' or key != 'effects':
+            if kind not in SEVERAL or key != 'effects':
                 parts += [*_outcomes(kind, key, of_kind), '']
     seen = [x for x in lines if x['kind'] in ('single', 'variant') and x['shows'] >= SHOWS]
     parts += ['Effect there (row) against effect named first (column), where it shows:', '',
@@ -109,16 +112,16 @@ def _figures(lines: Sequence[Line]) -> list[str]:
     outside = [x for x in of('outside', shown=False) if outcome(x) != 'right']
     rows.append(_share('outside: an effect certain', outside, lambda x: bool(certain(x))))
     rows.append(_share('outside: an effect named', outside, lambda x: bool(named(x))))
-    for snr in (46.0, 36.0, 26.0):
-        both = [x for x in of('pair', snr) if min(x['shows_alone'].values()) >= SHOWS]
-        rows.append(_share(f'pair, {snr:.0f} dB, each shows alone: both named', both,
+    for kind, snr in product(SEVERAL, (46.0, 36.0, 26.0)):
+        each = [x for x in of(kind, snr) if min(x['shows_alone'].values()) >= SHOWS]
+        rows.append(_share(f'{kind}, {snr:.0f} dB, each shows alone: all named', each,
                            lambda x: outcome(x) == 'right'))
-        rows.append(_share(f'pair, {snr:.0f} dB, each shows alone: a third named', both,
+        rows.append(_share(f'{kind}, {snr:.0f} dB, each shows alone: another named', each,
                            lambda x: bool(set(named(x)) - set(x['effects']))))
-        visible = [x for x in of('pair', snr) if min(x['shows_beside'].values()) >= SHOWS]
-        rows.append(_share(f'pair, {snr:.0f} dB, each shows beside the other: both named', visible,
-                           lambda x: outcome(x) == 'right'))
-    for kind in ('single', 'pair'):
+        visible = [x for x in of(kind, snr) if min(x['shows_beside'].values()) >= SHOWS]
+        rows.append(_share(f'{kind}, {snr:.0f} dB, each shows beside the others: all named',
+                           visible, lambda x: outcome(x) == 'right'))
+    for kind in ('single', *SEVERAL):
         ratios = [x['report']['after']['free_run']['test'] / x['true_error']
                   for x in of(kind) if outcome(x) == 'right' and x['true_error']]
         rows.append(_share(f"{kind}, right: test error within 10 % of the true structure's",
@@ -173,7 +176,7 @@ def _outcomes(kind: str, key: str, lines: Iterable[Line]) -> list[str]:
     for line in lines:
         value = ' '.join(line[key]) if key == 'effects' else str(line[key])
         what = outcome(line)
-        if kind in ('single', 'variant', 'pair') and line['shows'] < SHOWS:
+        if kind in ('single', 'variant', *SEVERAL) and line['shows'] < SHOWS:
             what = f'hidden: {what}'
         counts.setdefault(value, Counter())[what] += 1
     return _table(f'{kind} by {key}', counts)

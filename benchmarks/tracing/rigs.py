@@ -139,7 +139,7 @@ def make_rig(
         seed: the seed.
         kind: one of KINDS in cases.py.
         effects: ids, of EFFECTS, VARIED, OUTSIDE or STATIC in lacking.py by the kind; two for
-            'pair'.
+            'pair', three for 'triple'.
         excitation: one of EXCITATIONS.
         snr_db: rms of T_g over rms of its noise [dB].
         left_out: effects drawn like the others, but not built in.
@@ -150,7 +150,7 @@ def make_rig(
         name: float(np.exp(of_laws.uniform(np.log(low), np.log(high))))
         for name, (low, high) in BOX.items()})
     drive, running = _draw_drive(linear, excitation, of_drive)
-    drawn_from = {'pair': 'single', 'static': 'outside'}.get(kind, kind)
+    drawn_from = {'pair': 'single', 'triple': 'single', 'static': 'outside'}.get(kind, kind)
     scales = _scales(drive.torques(linear, Command(), 20), linear)
     drawn = [draw(drawn_from, effect, scales, of_effects) for effect in effects]
     built = tuple(b for b in drawn if b.id not in left_out)

@@ -19,7 +19,7 @@ from typing import Any, TYPE_CHECKING
 from rich.console import Console
 from rich.progress import Progress
 
-from benchmarks.tracing.cases import BLOCK, case_of, cases, FIRST_SEED, KINDS
+from benchmarks.tracing.cases import BLOCK, case_of, cases, FIRST_SEED, KINDS, SEVERAL
 from benchmarks.tracing.figures import read, report
 from benchmarks.tracing.linear_fit import shows
 from benchmarks.tracing.true_fit import error_on_test, shows_beside, true_fit
@@ -109,18 +109,18 @@ def trace_rig(seed: int) -> dict[str, Any]:
     case = case_of(seed)
     rig = case.rig()
     alone = {}
-    if case.kind == 'pair':
-        one, other = case.effects
-        alone = {one: shows(case.rig(left_out=(other,))), other: shows(case.rig(left_out=(one,)))}
+    if case.kind in SEVERAL:
+        alone = {one: shows(case.rig(left_out=tuple(set(case.effects) - {one})))
+                 for one in case.effects}
     line: dict[str, Any] = {
         'seed': case.seed, 'kind': case.kind, 'effects': case.effects, 'snr_db': case.snr_db,
         'excitation': case.excitation, 'truth': rig.truth.summary(), 'shows': shows(rig),
         'shows_alone': alone, 'shows_beside': {}, 'true_error': None,
     }
-    if case.kind in ('none', 'single', 'pair'):     # the library describes these
+    if case.kind in ('none', 'single', *SEVERAL):   # the library describes these
         best = true_fit(rig)
         line['true_error'] = error_on_test(best, rig)
-        if case.kind == 'pair':
+        if case.kind in SEVERAL:
             line['shows_beside'] = shows_beside(best, rig)
     add_trace(line, rig.recording(), LOAD_SIMULATOR)
     return line

@@ -19,6 +19,7 @@ from hydro_twin.model import Model
 from hydro_twin.plants.load_simulator import LOAD_SIMULATOR
 from hydro_twin.predictors.analytical import Analytical
 from hydro_twin.predictors.scores import errors_by_series, rms
+from hydro_twin.predictors.system import LINEAR
 from hydro_twin.recording.series import Recording, split
 
 # what 'single' laws are in the library: kind of port, and parameters from the fields built in
@@ -50,14 +51,12 @@ _IN_LIBRARY: dict[str, tuple[str, Callable[[dict[str, Any]], dict[str, float]]]]
 
 
 def true_structure(rig: Rig, substeps: int = 8) -> Model:
-    """Return the rig as the product would describe it; for 'none', 'single' and 'pair'."""
+    """Return the rig as the product would describe it; with effects of the library only."""
     sample_time = rig.recording().series[0].sample_time
     values = {name: getattr(rig.truth.laws, name) for name in (*BOX, 'D_m')}
-    timing = {}
-    if rig.truth.interpolation == 'linear':
-        timing = {'u_m': -0.5 * sample_time}
     placed = tuple(_placed(built) for built in rig.truth.built)
-    return Model(LOAD_SIMULATOR, values, sample_time, placed, timing, substeps)
+    return Model(LOAD_SIMULATOR, values, sample_time, placed,
+                 interpolation=rig.truth.interpolation, substeps=substeps)
 
 
 def true_fit(rig: Rig) -> Fit:
@@ -88,8 +87,8 @@ def _fitted(start: Model, rig: Rig) -> Fit:
     unknowns = plant_unknowns(start.plant, 'physical')
     for i, placed in enumerate(start.effects):
         unknowns += effect_unknowns(i, placed)
-    if start.timing:
-        unknowns += timing_unknowns(start.plant, start.sample_time)
+    if start.interpolation == LINEAR:
+        unknowns += timing_unknowns(start)
     train, _ = split(rig.recording())
     return Problem(start, unknowns, parts_of(train, start.plant)).solve()
 

@@ -7,7 +7,11 @@ from hydro_twin.compiled import compiled
 from hydro_twin.effects.effect import Effect, EffectParameter, Span, Starts
 
 FEWEST = 5.0            # periods a turn of a coarse motor
-STILL = 0.5             # [rad] of a period, over which the torque looks constant
+LEAST = 0.1             # of a period, over which a sine is a parabola: a bias and a spring make up
+#                         for most of it
+PARTS = (0.2, 0.35)     # of a period to start from, below the steps of whole numbers
+SHAPE = 1.0             # periods, in less of which harmonics would fit any shape
+FIRST, LAST = 3.0, 63.0     # periods a turn to start from
 NO_HARMONICS = (0.0, 0.0, 0.0, 0.0)
 
 
@@ -30,11 +34,13 @@ def starts(span: Span) -> Starts:
     """Every number of periods that the movement can resolve, in both phases."""
     travel = max(span.travel['position'], 1e-9)
     step = min(max(1.0 / travel, 0.5), 6.0)
+    parts = [2.0 * math.pi * part / travel for part in PARTS]
+    whole = [FIRST + step * k for k in range(int((LAST - FIRST) / step))]
     small = 0.03 * span.value
-    return [values for k in range(int(60.0 / step))
-            for values in ((small, 0.0, 3.0 + step * k, *NO_HARMONICS),
-                           (0.0, small, 3.0 + step * k, *NO_HARMONICS))
-            if distinguishable(span, values)]
+    return [values for periods in (*(few for few in parts if FIRST <= few < LAST),
+                                   *(many for many in whole if _seen(span, many) > PARTS[-1]))
+            for values in ((small, 0.0, periods, *NO_HARMONICS),
+                           (0.0, small, periods, *NO_HARMONICS))]
 
 
 def refined(span: Span, values: tuple[float, ...]) -> Starts:
@@ -43,17 +49,22 @@ def refined(span: Span, values: tuple[float, ...]) -> Starts:
     small = 0.1 * math.hypot(cosine, sine)
     return [forms for forms in ((cosine, sine, periods, small, small, small, small),
                                 (small, small, periods / 2.0, cosine, sine, small, small))
-            if distinguishable(span, forms)]
+            if _seen(span, forms[2]) > SHAPE]
 
 
 def distinguishable(span: Span, values: tuple[float, ...]) -> bool:
-    """Less than half a period is a bias, or a spring, for all one can see."""
-    return values[2] * span.travel['position'] > math.pi
+    """Less than a tenth of a period is a bias, or a spring, for all one can see."""
+    return _seen(span, values[2]) > LEAST
+
+
+def _seen(span: Span, periods: float) -> float:
+    """How many of so many periods a turn the motor moves through."""
+    return periods * span.travel['position'] / (2.0 * math.pi)
 
 
 def passes_for(span: Span) -> str:
     """Say what it looks like where the motor hardly turns: a constant torque."""
-    return 'bias' if FEWEST * span.travel['position'] < STILL else ''
+    return '' if distinguishable(span, (0.0, 0.0, FEWEST)) else 'bias'
 
 
 EFFECT = Effect(

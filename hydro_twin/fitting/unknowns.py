@@ -11,6 +11,7 @@ from hydro_twin.effects import Placed
 from hydro_twin.model import Model
 from hydro_twin.plants import Plant
 from hydro_twin.plants.plant import FloatArray
+from hydro_twin.predictors.system import HOLD
 
 LARGEST = 700.0         # logarithm of a number that is still finite
 
@@ -131,11 +132,14 @@ def effect_unknowns(index: int, placed: Placed) -> list[Unknown]:
     return unknowns
 
 
-def timing_unknowns(plant: Plant, sample_time: float) -> list[Unknown]:
-    """List how commands stand to their stamps: at most a sample earlier, as unknowns.
+def timing_unknowns(candidate: Model) -> list[Unknown]:
+    """List how late commands act, as unknowns, in a range of one sample.
 
-    A command that is said to be held may have been interpolated, or set a moment before its
-    stamp; what the stamps cannot resolve must not be taken for an effect.
+    A held command may have been set a moment before its stamp; what the stamps cannot resolve must
+    not be taken for an effect. It is half a sample late in the mean, one that is interpolated is
+    not.
     """
-    return [Unknown(signal.name, 'timing', -sample_time, 0.0, False, sample_time)
-            for signal in plant.inputs if signal.held]
+    T = candidate.sample_time
+    latest = 0.0 if candidate.interpolation == HOLD else 0.5 * T
+    return [Unknown(signal.name, 'timing', latest - T, latest, False, T)
+            for signal in candidate.plant.inputs if signal.held]

@@ -36,6 +36,7 @@ from hydro_twin.inference.select import (
 )
 from hydro_twin.inference.structure import drift, drifts
 from hydro_twin.predictors.scores import rms
+from hydro_twin.predictors.system import HOLD, LINEAR
 from hydro_twin.result import NEAR
 
 MOST = 3                # effects in a model
@@ -81,6 +82,7 @@ def grow(base: Fit, alternatives: Sequence[Alternative], context: Context) -> Ch
         if chain.findings and not _earned(found, fit, first, context.parts):
             break
         better = finely(first.fit, context.parts, FINE_ENOUGH)
+        better = best_interpolation(better, context.parts)
         context.remember(better)
         chain = exchange(Chain(better, (*chain.findings, found)), context)
         chain = simplified(refined(chain, chain.findings[:-1], context), context)
@@ -241,6 +243,20 @@ def finely(fit: Fit, parts: Sequence[Part], finest: int) -> Fit:
             break
         candidate = finer
     return fit if candidate is fit.candidate else search(candidate, parts, LONG)
+
+
+def best_interpolation(fit: Fit, parts: Sequence[Part]) -> Fit:
+    """Fit once more with commands interpolated, or held, where that clearly explains more.
+
+    A controller holds its command until the next. That of an operator, or of a controller faster
+    than the recording, moves on; held, it meets a limit or a dead zone in steps that it never had.
+    """
+    candidate = fit.candidate
+    other = LINEAR if candidate.interpolation == HOLD else HOLD
+    timing = dict.fromkeys(candidate.timing, 0.0)
+    otherwise = search(replace(candidate, interpolation=other, timing=timing), parts, LONG)
+    now, then = criterion([fit, otherwise])
+    return otherwise if then < now - CLEARLY and share(fit, otherwise) > WORTH else fit
 
 
 def exchange(chain: Chain, context: Context, last: bool = False,

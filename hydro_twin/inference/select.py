@@ -95,7 +95,7 @@ def searched(candidate: Model) -> list[Unknown]:
     plant = candidate.plant
     delayed = any(placed.effect.shifts for placed in candidate.effects)
     unknowns = plant_unknowns(plant, 'physical')
-    unknowns += [] if delayed else timing_unknowns(plant, candidate.sample_time)
+    unknowns += [] if delayed else timing_unknowns(candidate)
     held = max((k for k, placed in enumerate(candidate.effects) if not placed.effect.named),
                default=0)
     for index, placed in enumerate(candidate.effects[held:], held):

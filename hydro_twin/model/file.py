@@ -17,6 +17,7 @@ from hydro_twin.model.placing import curve_at, effect_at, filled
 from hydro_twin.model.value import Model, MOST_SUBSTEPS, Noise, Record, Uncertainty
 from hydro_twin.plants import Plant, plant_named
 from hydro_twin.predictors import kind_named, Predictor
+from hydro_twin.predictors.system import HOLD, LINEAR
 from hydro_twin.schema import fault
 
 FORMAT = 1
@@ -45,6 +46,7 @@ def document(model: Model) -> dict[str, Any]:
                    **({'at_bound': p.at_bound} if p.at_bound else {})}
             for name, p in model.parameters.items()},
         'timing': dict(model.timing),
+        'interpolation': model.interpolation,
         'effects': [{
             'id': placed.effect.id,
             'port': placed.port.name,
@@ -186,6 +188,9 @@ def _from_document(raw: Mapping[str, Any]) -> Model:
               (raw.get('timing') or {}).items()}
     if unknown := sorted(set(timing) - {signal.name for signal in plant.inputs}):
         raise ModelError(f'timing of {", ".join(unknown)}: no such input of {plant.name}')
+    interpolation = raw.get('interpolation', HOLD)
+    if interpolation not in (HOLD, LINEAR):
+        raise ModelError(f'interpolation {interpolation} must be {HOLD} or {LINEAR}')
     sample_time = _number('sample_time', raw['sample_time'])
     substeps = raw.get('substeps', 4)
     if sample_time <= 0 or not isinstance(substeps, int) or not 1 <= substeps <= MOST_SUBSTEPS:
@@ -195,8 +200,8 @@ def _from_document(raw: Mapping[str, Any]) -> Model:
         raise ModelError(f'observer: a model of kind {kind.name} has none')
     return Model(
         plant, {**plant.constant_values(constants), **parameters}, sample_time, tuple(effects),
-        timing, substeps, kind.name, _noise(raw['observer'], plant) if 'observer' in raw else None,
-        raw.get('network'),
+        timing, interpolation, substeps, kind.name,
+        _noise(raw['observer'], plant) if 'observer' in raw else None, raw.get('network'),
         Record(uncertainty, raw.get('errors') or {}, raw.get('provenance') or {},
                tuple(map(str, raw.get('notes') or ()))))
 

@@ -13,7 +13,7 @@ from hydro_twin.errors import ModelError
 from hydro_twin.plants import Plant
 from hydro_twin.plants.plant import FloatArray
 from hydro_twin.predictors import kind_named, make_predictor, modes_of, Predictor
-from hydro_twin.predictors.system import assemble, System
+from hydro_twin.predictors.system import assemble, HOLD, System
 from hydro_twin.recording.clock import same
 from hydro_twin.recording.series import Series
 
@@ -104,6 +104,7 @@ class Model:
         values: parameters and constants by name.
         effects: at ports of the plant, with their parameters.
         timing: how late each input acts [s], by name: what the stamps cannot tell (see docs).
+        interpolation: of commands between samples: 'hold' or 'linear'.
         substeps: integration steps in a sample, chosen by error when the model was fitted.
         kind: name of the predictor that runs it.
         noise: for the observer; None: it cannot run.
@@ -116,6 +117,7 @@ class Model:
     sample_time: float
     effects: tuple[Placed, ...] = ()
     timing: Mapping[str, float] = field(default_factory=dict)
+    interpolation: str = HOLD
     substeps: int = 4
     kind: str = 'analytical'
     noise: Noise | None = None
@@ -143,7 +145,7 @@ class Model:
     def system(self) -> System:
         """What the kernel runs."""
         return assemble(self.plant, self.values, self.effects, self.sample_time, self.substeps,
-                        self.timing)
+                        self.timing, self.interpolation)
 
     @property
     def start_up(self) -> int:

@@ -16,7 +16,7 @@ from hydro_twin.plants.plant import FloatArray
 from hydro_twin.predictors import kernel
 from hydro_twin.predictors.kind import Kind
 from hydro_twin.predictors.predictor import OBSERVER
-from hydro_twin.predictors.system import assemble, System
+from hydro_twin.predictors.system import assemble, HOLD, System
 from hydro_twin.recording.series import Series
 
 if TYPE_CHECKING:
@@ -40,9 +40,9 @@ class Analytical:
         self.plant: Plant = model.plant
         self.sample_time = model.sample_time
         self.system = model.system
-        shifted = bool(np.any(self.system.step.shift))
+        otherwise = bool(np.any(self.system.step.shift)) or model.interpolation != HOLD
         self.linear = (assemble(model.plant, model.values, (), model.sample_time)
-                       if len(self.system.step.effects) or shifted or self.system.earlier
+                       if len(self.system.step.effects) or otherwise or self.system.earlier
                        else None)
         self.equation = bilinear(self.system.laws, model.sample_time)
 

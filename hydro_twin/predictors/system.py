@@ -20,6 +20,7 @@ from hydro_twin.predictors.kernel import ENTRY, Step
 
 IntArray = npt.NDArray[np.int64]
 
+HOLD, LINEAR = 'hold', 'linear'     # how commands go from sample to sample
 NEWTON = 20             # steps to the state at rest, at most
 BEYOND = 1e30           # any edge
 STAGES = 64             # of a drift, at most; half of one is the largest error
@@ -214,7 +215,7 @@ def discretise(laws: Laws, h: float) -> FloatArray:
 
 def assemble(plant: Plant, values: Mapping[str, float], effects: Sequence[Placed] = (),
              sample_time: float | None = None, substeps: int = 4,
-             shift: Mapping[str, float] | None = None) -> System:
+             timing: Mapping[str, float] | None = None, interpolation: str = HOLD) -> System:
     """Make a system of a plant.
 
     Args:
@@ -222,12 +223,14 @@ def assemble(plant: Plant, values: Mapping[str, float], effects: Sequence[Placed
         values: parameters and constants by name; of a parameter that drifts, the last one.
         effects: on its ports.
         sample_time: [s]; the plant's own by default.
-        shift: how late inputs act [s], by name, besides what a delay among the effects adds.
         substeps: steps in a sample where there are effects; without any, one is exact.
+        timing: how late inputs act [s], by name, besides what a delay among the effects adds.
+        interpolation: of commands between samples, `HOLD` or `LINEAR`.
     """
     def at(time: float) -> System:
         return _assemble(plant, drifted(values, effects, time), effects,
-                         sample_time or plant.sample_time, substeps, shift, time)
+                         sample_time or plant.sample_time, substeps, timing or {}, interpolation,
+                         time)
 
     courses = [(course, placed.values) for placed in effects
                if (course := placed.effect.course) is not None]
@@ -255,16 +258,17 @@ def drifted(values: Mapping[str, float], effects: Sequence[Placed], time: float
 
 
 def _assemble(plant: Plant, values: Mapping[str, float], effects: Sequence[Placed], T: float,
-              substeps: int, shift: Mapping[str, float] | None, time: float) -> System:
+              substeps: int, timing: Mapping[str, float], interpolation: str, time: float
+              ) -> System:
     """Make a system of parameters that do not change."""
     laws = plant.laws(values)
-    late = np.array([(shift or {}).get(signal.name, 0.0) for signal in plant.inputs]) / T
-    held = np.array([signal.held for signal in plant.inputs])
+    late = np.array([timing.get(signal.name, 0.0) for signal in plant.inputs]) / T
+    command = np.array([signal.held for signal in plant.inputs])
     at_port = sorted((placed for placed in effects if placed.effect.law is not None),
                      key=lambda placed: plant.ports.index(placed.port))
     for placed in effects:
         if placed.effect.shifts:
-            late = late + np.where(held | (placed.effect.shifts == 'all'),
+            late = late + np.where(command | (placed.effect.shifts == 'all'),
                                    placed.values[0] / T, 0.0)
     entries: list[tuple[int, ...]] = []
     p: list[float] = []
@@ -285,8 +289,8 @@ def _assemble(plant: Plant, values: Mapping[str, float], effects: Sequence[Place
         M=discretise(laws, T / steps),
         H=port_rows(laws),
         effects=np.array(entries, dtype=ENTRY), active=np.array(active, dtype=np.int64),
-        p=np.array(p, dtype=np.float64), shift=late, held=held, substeps=steps, sample_time=T,
-        sensors=len(laws.port_x) + len(laws.signal_x))
+        p=np.array(p, dtype=np.float64), shift=late, held=command & (interpolation == HOLD),
+        substeps=steps, sample_time=T, sensors=len(laws.port_x) + len(laws.signal_x))
     begin = {id(placed): entry[4] for placed, entry in zip(at_port, entries, strict=True)}
     return System(plant=plant, laws=laws, step=step, memory=memory + len(entries),
                   placed=tuple(at_port),

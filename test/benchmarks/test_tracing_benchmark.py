@@ -36,6 +36,8 @@ def line(kind, there, names, verdict='effect_found', ambiguous=(), certain=True)
     (line('pair', ['bias', 'delay'], ['delay', 'bias']), 'right'),
     (line('pair', ['bias', 'delay'], ['delay']), 'part'),
     (line('pair', ['bias', 'delay'], ['friction']), 'wrong'),
+    (line('triple', ['bias', 'delay', 'gain'], ['delay', 'gain', 'bias']), 'right'),
+    (line('triple', ['bias', 'delay', 'gain'], ['delay', 'bias']), 'part'),
     ({'failure': 'ValueError'}, 'failure'),
 ])
 def test_outcome(of, judged):

@@ -121,12 +121,12 @@ def test_units_of_a_port():
     assert unit('delay', 'time') == 's'
 
 
-def test_ripple_is_told_from_a_bias_only_by_most_of_a_period():
+def test_ripple_is_told_from_a_bias_only_by_a_tenth_of_a_period():
     ripple = next(effect for effect in EFFECTS if effect.id == 'ripple')
     span = Span(-1.0, 1.0, {'velocity': 1.0, 'position': 1.0}, {'velocity': 2.0, 'position': 0.5},
                 (-1.0, 1.0), 0.002, 100)
-    assert not ripple.distinguishable(span, (1.0, 0.0, 2 * math.pi))
-    assert ripple.distinguishable(span, (1.0, 0.0, 4 * math.pi))
+    assert not ripple.distinguishable(span, (1.0, 0.0, 0.3 * math.pi))
+    assert ripple.distinguishable(span, (1.0, 0.0, 0.5 * math.pi))
 
 
 def test_dead_zone_is_told_from_a_bias_only_where_it_is_entered():

@@ -3,12 +3,21 @@ from __future__ import annotations
 
 from dataclasses import replace
 
+import numpy as np
 import pytest
 from traced_rig import fitted, PLANT, record, VALUES
 
-from hydro_twin.inference.select import fit_alternatives, free_run_error, refine, search
+from hydro_twin.fitting.port_signals import observe
+from hydro_twin.inference.chain import best_interpolation
+from hydro_twin.inference.select import (
+    fit_alternatives,
+    free_run_error,
+    refine,
+    search,
+)
 from hydro_twin.inference.starts import relocated
 from hydro_twin.model import place
+from hydro_twin.predictors.system import LINEAR, signal_row
 
 STRIBECK = ('friction', 'motor', {'coulomb': 6.0, 'stribeck': 4.0, 'stribeck_velocity': 0.02})
 BIAS = ('bias', 'motor', {'offset': 2.0})
@@ -39,6 +48,23 @@ def test_a_bias_may_sit_at_any_of_three_ports():
     assert {fit.candidate.effects[0].port.name for fit in moved} == {'command', 'sensor'}
     for other in moved:
         assert other.error == pytest.approx(fit.error, rel=1e-3)
+
+
+@pytest.mark.parametrize('moving', [False, True])
+def test_whether_a_command_moves_between_samples_shows_at_a_rate_limit(moving):
+    limit = ('rate_limit', 'spool', {'limit': 1e-3})
+    rig = replace(PLANT, inputs=tuple(replace(one, held=not moving and one.held)
+                                      for one in PLANT.inputs))
+    alone, parts, _ = fitted(record(limit, noise=0.05, plant=rig,
+                                    bus=1e-6 if moving else PLANT.sample_time))
+    candidate = replace(alone.candidate, substeps=8, effects=(place(*limit, PLANT),))
+    held = search(candidate, parts, 40)
+    found = best_interpolation(held, parts)
+    if moving:
+        assert found.candidate.interpolation == LINEAR
+        assert found.error < 1.05 * 0.05 < held.error
+    else:
+        assert found is held
 
 
 @pytest.mark.slow
@@ -78,6 +104,20 @@ def test_a_delay_that_lags_and_inertia_had_made_up_for():
     assert first.id == 'delay'
     assert first.placed.named['time'] == pytest.approx(0.008, rel=0.1)
     assert first.fit.error < 0.99 * base.error
+
+
+@pytest.mark.slow
+def test_a_ripple_is_found_in_less_than_half_a_period_of_it():
+    waves = {'cosine': 4.0, 'sine': -2.0, 'periods': 30.0}
+    alone, parts, _ = fitted(record(('ripple', 'motor', waves), noise=0.1))
+    angle = np.concatenate(observe(alone.candidate, parts))[:, signal_row(
+        PLANT, place('ripple', 'motor', waves, PLANT), 'position')]
+    assert 0.1 < np.ptp(angle) * waves['periods'] / (2.0 * np.pi) < 0.4
+    first, second, *_ = fit_alternatives(alone, parts, (0.0, 1.0), 8, True)
+    assert first.id == 'ripple'
+    assert first.placed.named['periods'] == pytest.approx(30.0, rel=0.05)
+    assert first.fit.error == pytest.approx(0.1, rel=0.05)
+    assert second.id == 'ripple' or second.fit.error > 1.2 * first.fit.error
 
 
 @pytest.mark.slow

@@ -1,3 +1,5 @@
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from scipy import signal
@@ -6,7 +8,7 @@ from scipy.optimize import brentq
 from hydro_twin.model import Model, Noise, place
 from hydro_twin.plants import PLANTS
 from hydro_twin.predictors.analytical import Analytical
-from hydro_twin.predictors.system import assemble
+from hydro_twin.predictors.system import assemble, LINEAR
 from hydro_twin.recording.series import Series
 
 VECTOR = {'V_m': 1.75e-4, 'J': 5.5e-2, 'K_p': 1.75e-2, 'K_q': 1.35, 'G': 1.1e4, 'K_ce': 5.5e-12,
@@ -95,6 +97,15 @@ def test_free_run_of_the_linear_plant_is_scipys(plant):
     series = recording(plant)
     expected = exact(plant, series)
     found = predictor(plant).free_run(series)
+    np.testing.assert_allclose(found, expected, atol=1e-9 * np.abs(expected).max())
+
+
+@pytest.mark.parametrize('plant', PLANTS.values(), ids=PLANTS)
+def test_commands_that_move_in_a_straight_line_are_scipys_too(plant):
+    series = recording(plant)
+    moving = replace(plant, inputs=tuple(replace(one, held=False) for one in plant.inputs))
+    expected = exact(moving, series)
+    found = Analytical(replace(predictor(plant).model, interpolation=LINEAR)).free_run(series)
     np.testing.assert_allclose(found, expected, atol=1e-9 * np.abs(expected).max())
 
 

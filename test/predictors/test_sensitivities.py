@@ -16,7 +16,7 @@ from hydro_twin.inference.screen import spans
 from hydro_twin.model import Model, place
 from hydro_twin.plants import PLANTS
 from hydro_twin.predictors.sensitivities import run_parts_with_slopes
-from hydro_twin.predictors.system import assemble
+from hydro_twin.predictors.system import assemble, HOLD, LINEAR
 from hydro_twin.predictors.tangents import Directions, tangent_of, tangents_of
 
 SAMPLES = 120
@@ -42,7 +42,8 @@ def moved(plant):
 def with_effect(plant, effect=None, port=None):
     """Put a plant in the middle of its box in motion, with an effect that does something."""
     linear = Model(plant, middle(plant), plant.sample_time,
-                   timing={s.name: -0.3 * plant.sample_time for s in plant.inputs if s.held})
+                   timing={s.name: -0.3 * plant.sample_time for s in plant.inputs if s.held},
+                   interpolation=LINEAR if effect is None else HOLD)
     inputs = moved(plant)
     part = Part(inputs, linear.system.run(inputs, np.zeros(plant.order)))
     if effect is None:
@@ -72,7 +73,7 @@ def states_of(candidate, part):
 
 def unknowns_of(candidate):
     unknowns = plant_unknowns(candidate.plant, 'physical')
-    unknowns += timing_unknowns(candidate.plant, candidate.sample_time) if candidate.timing else []
+    unknowns += timing_unknowns(candidate) if candidate.timing else []
     for index, placed in enumerate(candidate.effects):
         unknowns += effect_unknowns(index, placed)
     return unknowns
