@@ -280,6 +280,8 @@ class ReportFile(Struct, kw_only=True):
     best_named: dict[str, Any] | None
     ambiguous: tuple[tuple[str, ...], ...]
     horizon_s: float | None
+    interpolation: Annotated[Literal['hold', 'linear'],
+                             Meta(description='of commands between samples')]
     before: Errors
     after: Errors
     improvement: dict[Literal['relative', 'low', 'high'], float]

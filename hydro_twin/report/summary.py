@@ -48,6 +48,7 @@ def summarise(result: TraceResult) -> dict[str, Any]:
         'best_named': result.best_named and _best_named(result.best_named),
         'ambiguous': [list(group) for group in result.ambiguous],
         'horizon_s': result.horizon,
+        'interpolation': result.after.interpolation,
         'before': result.before.errors['after'],
         'after': result.after.errors['after'],
         'improvement': {'relative': result.improvement.relative, 'low': result.improvement.low,
