@@ -4,6 +4,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from concurrent.futures import CancelledError, Executor
 from contextlib import ExitStack
+from dataclasses import replace
 from datetime import datetime, timedelta
 from functools import partial
 from pathlib import Path
@@ -62,12 +63,17 @@ def trace_fleet(manifest: Path | str, folder: Path | str, *, executor: Executor 
         except OSError as error:
             raise UserError(f'{folder}: cannot be written ({error.strerror})') from error
         store.sweep(folder)
+        there = store.keys(folder)
         tell = _Teller(len(tasks), say)
         for k, came in work(partial(run, folder=folder, seed=seed), tasks, engine):
             if isinstance(came, CancelledError):    # and so are all others that are not done
                 raise UserError(f'{tell.count} of {len(tasks)} done, the rest cancelled: is the '
                                 'Dask scheduler still there? The same command goes on from here')
             outcome = came if isinstance(came, Outcome) else Outcome(None, reason=reason(came))
+            # Not as its worker saw it: a task that is repeated, since a worker died before it had
+            # handed over what it held, finds what that had made.
+            outcome = replace(outcome, traced=bool(outcome.key) and outcome.key not in there)
+            there.add(outcome.key)
             outcomes[k] = outcome
             if outcome.record is None:
                 say(f'{tasks[k].rig} {tasks[k].date}: {outcome.reason}')

@@ -52,6 +52,11 @@ def _laws() -> str:
     return digest.hexdigest()
 
 
+def keys(folder: Path) -> set[str]:
+    """Return the keys of the results that are there."""
+    return {path.parent.name for path in (folder / RESULTS).glob(f'*/{RECORD}')}
+
+
 def find(folder: Path, key: str) -> dict[str, Any] | None:
     """Return the record of a result; None if it is not there."""
     try:
