@@ -9,7 +9,7 @@ from hydro_twin.effects.effect import Effect, EffectParameter, Span, Starts
 FEWEST = 5.0            # periods a turn of a coarse motor
 LEAST = 0.1             # of a period, over which a sine is a parabola: a bias and a spring make up
 #                         for most of it
-PARTS = (0.2, 0.35)     # of a period to start from, below the steps of whole numbers
+PARTS = (0.2, 0.35)     # of a period to start from; from the last on in equal steps
 SHAPE = 1.0             # periods, in less of which harmonics would fit any shape
 FIRST, LAST = 3.0, 63.0     # periods a turn to start from
 NO_HARMONICS = (0.0, 0.0, 0.0, 0.0)
@@ -35,10 +35,10 @@ def starts(span: Span) -> Starts:
     travel = max(span.travel['position'], 1e-9)
     step = min(max(1.0 / travel, 0.5), 6.0)
     parts = [2.0 * math.pi * part / travel for part in PARTS]
-    whole = [FIRST + step * k for k in range(int((LAST - FIRST) / step))]
+    steps = [FIRST + step * k for k in range(int((LAST - FIRST) / step))]
     small = 0.03 * span.value
     return [values for periods in (*(few for few in parts if FIRST <= few < LAST),
-                                   *(many for many in whole if _seen(span, many) > PARTS[-1]))
+                                   *(many for many in steps if _seen(span, many) > PARTS[-1]))
             for values in ((small, 0.0, periods, *NO_HARMONICS),
                            (0.0, small, periods, *NO_HARMONICS))]
 
