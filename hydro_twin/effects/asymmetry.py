@@ -22,7 +22,7 @@ EFFECT = Effect(
     kinds=('flow', 'speed'),
     parameters=(
         EffectParameter('imbalance', 'half the difference of the slopes over their mean', '1',
-                        -0.95, 0.95, log=False),
+                        -0.95, 0.95, log=False, scales=1),
     ),
     starts=starts,
     excitation='move it slowly both ways about the middle, by the same amount',

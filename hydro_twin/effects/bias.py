@@ -21,7 +21,8 @@ EFFECT = Effect(
     title='bias',
     kinds=('command', 'force', 'sensor'),
     parameters=(
-        EffectParameter('offset', 'constant added', 'value', -1e9, 1e9, log=False),
+        EffectParameter('offset', 'constant added', 'value', -1e9, 1e9, log=False,
+                        scales=1),
     ),
     starts=starts,
     excitation='record a stretch with the command at zero',

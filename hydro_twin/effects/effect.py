@@ -2,7 +2,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 from hydro_twin.plants.plant import Plant, Port
@@ -22,6 +22,8 @@ class EffectParameter:
         unreached: of a limit, the value that stands for none: a limit that the recording never
             reached is not a found one. None: no limit.
         fixed: whether it is set from the recording, and no fit moves it.
+        scales: power of the effect's strength that it goes with: 1 for a width, -1 for a supply
+            pressure, below which a flow falls; 0 if it does not say how strong the effect is.
     """
 
     name: str
@@ -33,6 +35,7 @@ class EffectParameter:
     refinement: float | None = None
     unreached: float | None = None
     fixed: bool = False
+    scales: int = 0
 
 
 @dataclass(frozen=True)
@@ -202,6 +205,12 @@ class Placed:
         """Parameter values by name."""
         names = (parameter.name for parameter in self.effect.parameters)
         return dict(zip(names, self.values, strict=True))
+
+    def scaled(self, strength: float) -> Placed:
+        """Make the effect so many times as strong, within its bounds, if it has a strength."""
+        return replace(self, values=tuple(
+            min(max(value * strength**p.scales, p.lower), p.upper) if p.scales else value
+            for p, value in zip(self.effect.parameters, self.values, strict=True)))
 
 
 def sites(effect: Effect, plant: Plant) -> list[Port]:

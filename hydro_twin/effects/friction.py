@@ -89,9 +89,9 @@ EFFECT = Effect(
     kinds=('force',),
     reads=('velocity',),
     parameters=(
-        EffectParameter('coulomb', 'sliding force F_c', 'value', 1e-9, 1e9),
+        EffectParameter('coulomb', 'sliding force F_c', 'value', 1e-9, 1e9, scales=1),
         EffectParameter('stribeck', 'extra force F_s to break away', 'value', 0.0, 1e9,
-                        log=False, refinement=0.0),
+                        log=False, refinement=0.0, scales=1),
         EffectParameter('stribeck_velocity', 'velocity v_s at which that is gone', 'velocity',
                         1e-9, 1e6, refinement=1.0),
         EffectParameter('bristle_stiffness', 'stiffness sigma of the bristles before sliding',

@@ -24,7 +24,7 @@ EFFECT = Effect(
     reads=('position',),
     parameters=(
         EffectParameter('slope', 'relative change of the gain over the opening', '1/position',
-                        -1e6, 1e6, log=False),
+                        -1e6, 1e6, log=False, scales=1),
     ),
     starts=starts,
     excitation='use small movements about several openings',

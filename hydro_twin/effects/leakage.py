@@ -38,7 +38,7 @@ EFFECT = Effect(
     kinds=('leakage',),
     reads=('load_pressure',),
     parameters=(
-        EffectParameter('flow', 'extra flow at 1 MPa', 'value', 1e-15, 1e3),
+        EffectParameter('flow', 'extra flow at 1 MPa', 'value', 1e-15, 1e3, scales=1),
         EffectParameter('exponent', 'power of the pressure', '1', 0.2, 4.0, log=False),
     ),
     starts=starts,

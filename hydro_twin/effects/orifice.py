@@ -17,7 +17,7 @@ def law(v, s, p, z, h, c, z_next):  # type: ignore[no-untyped-def]
 
 def starts(span: Span) -> Starts:
     """Supply pressures as multiples of the largest load pressure."""
-    return [(factor * span.signals['load_pressure'],) for factor in (1.1, 1.5, 2.5, 5.0)]
+    return [(factor * span.signals['load_pressure'],) for factor in (1.1, 1.5, 2.5, 5.0, 12.0)]
 
 
 EFFECT = Effect(
@@ -26,7 +26,8 @@ EFFECT = Effect(
     kinds=('flow',),
     reads=('opening', 'load_pressure'),
     parameters=(
-        EffectParameter('supply_pressure', 'supply pressure p_s', 'load_pressure', 1e3, 1e11),
+        EffectParameter('supply_pressure', 'supply pressure p_s', 'load_pressure', 1e3, 1e11,
+                        scales=-1),
     ),
     starts=starts,
     excitation='ask for flow at high load pressure',

@@ -36,7 +36,7 @@ EFFECT = Effect(
     reads=('opening',),
     parameters=(
         EffectParameter('full_load_speed', 'speed v_l at which the load takes up all of the '
-                        'supply pressure', 'value', 1e-9, 1e9),
+                        'supply pressure', 'value', 1e-9, 1e9, scales=-1),
         EffectParameter('imbalance', 'half the difference of that up and down over their mean',
                         '1', -0.9, 0.9, log=False, refinement=0.0),
     ),

@@ -74,11 +74,13 @@ EFFECT = Effect(
     reads=('position',),
     unit_read='rad',
     parameters=(
-        EffectParameter('cosine', 'amplitude in cosine phase', 'value', -1e9, 1e9, log=False),
-        EffectParameter('sine', 'amplitude in sine phase', 'value', -1e9, 1e9, log=False),
+        EffectParameter('cosine', 'amplitude in cosine phase', 'value', -1e9, 1e9, log=False,
+                        scales=1),
+        EffectParameter('sine', 'amplitude in sine phase', 'value', -1e9, 1e9, log=False,
+                        scales=1),
         EffectParameter('periods', 'periods a turn', '1', 1.0, 1e3, log=False),
         *(EffectParameter(f'{phase}_{k}', f'that of {k} times the periods', 'value', -1e9, 1e9,
-                          log=False, refinement=0.0)
+                          log=False, refinement=0.0, scales=1)
           for k in (2, 3) for phase in ('cosine', 'sine')),
     ),
     starts=starts,

@@ -37,7 +37,7 @@ EFFECT = Effect(
     reads=('twist',),
     parameters=(
         EffectParameter('cubic', 'rise k of the stiffness with the twist squared', '1/twist^2',
-                        1e-9, 1e15),
+                        1e-9, 1e15, scales=1),
         EffectParameter('stage', 'rise r of the stiffness in a second stage', '1', 0.0, SOFTEST,
                         log=False, refinement=0.0),
         EffectParameter('stage_twist', 'twist d at which that begins', 'twist', 1e-12, 1e3,

@@ -11,6 +11,7 @@ from hydro_twin.fitting.fit import Fit
 from hydro_twin.fitting.output_error import initial_states
 from hydro_twin.fitting.parts import Part
 from hydro_twin.fitting.port_signals import PREDICTED, predicted_by_ports
+from hydro_twin.fitting.whiteness import is_white
 from hydro_twin.inference.context import Context, effects_of
 from hydro_twin.inference.criterion import CLEARLY, criterion, gain_p_value
 from hydro_twin.inference.findings import (
@@ -68,9 +69,11 @@ def grow(base: Fit, alternatives: Sequence[Alternative], context: Context) -> Ch
         context: the data.
     """
     chain = Chain(base)
+    seen: set[frozenset[str]] = set()
     for _ in range(ROUNDS):
-        if not alternatives:
+        if not alternatives or effects_of(chain.fit.candidate) in seen:
             break
+        seen.add(effects_of(chain.fit.candidate))
         ranked = _memoryless_first(alternatives, chain.fit, context)
         first = ranked[0]
         fit = without_last(chain.fit, first.fit, context.parts)
@@ -124,14 +127,18 @@ def _earned(found: Finding, without: Fit, added: Alternative, parts: Sequence[Pa
 
     The residual of one law is no evidence for any other. So the effect must be clearly the best,
     unless it removes half of the residual; and remove much of it, or, as the only one, all that
-    the port signals predict.
+    is there: what is left is white, or the port signals predict it no longer.
     """
     nearest = _nearest(found, added.placed.effect)
     if nearest < CLEARLY and found.share < ENOUGH:
         return False
-    return found.share > MORE or (
-        nearest > NEAR and predicted_by_ports(without, parts)[1] < SURELY_PREDICTED
-        and predicted_by_ports(added.fit, parts)[1] > PREDICTED)
+    if found.share > MORE:
+        return True
+    before, after = criterion([without, added.fit])
+    return (min(nearest, before - after) > NEAR
+            and predicted_by_ports(added.fit, parts)[1] > PREDICTED
+            and (is_white(added.fit.by_part)
+                 or predicted_by_ports(without, parts)[1] < SURELY_PREDICTED))
 
 
 def refined(chain: Chain, findings: Sequence[Finding], context: Context) -> Chain:
@@ -164,6 +171,11 @@ def simplified(chain: Chain, context: Context) -> Chain:
             chain = Chain(without, rest)
         context.remember(chain.fit)
     return chain
+
+
+def are_distinguishable(fit: Fit, parts: Sequence[Part], findings: Sequence[Finding]) -> bool:
+    """Whether the recording distinguishes each of the effects found from a simpler one."""
+    return all(is_distinguishable(fit, parts, found.index) for found in findings)
 
 
 def without_last(base: Fit, better: Fit, parts: Sequence[Part]) -> Fit:
@@ -265,7 +277,9 @@ def exchange(chain: Chain, context: Context, last: bool = False,
 
     It may have become unnecessary, and is dropped; or it may have stood in for two, and another
     replaces it. Its rivals are those beside the other effects. Effects that were left for others
-    are not returned to: a search may end better from here, and these from there.
+    are not returned to: a search may end better from here, and these from there. Nor is one
+    unnecessary that another makes up for only where it is no longer distinguished from a simpler
+    one, as a small part of a ripple is from an offset.
 
     Args:
         chain: a model that has grown.
@@ -278,7 +292,8 @@ def exchange(chain: Chain, context: Context, last: bool = False,
         placed = chain.fit.candidate.effects[found.index]
         (without,), rest = context.without(chain.fit, [found.index]), other_findings(chain, k)
         with_it, bare = criterion([chain.fit, without])
-        if bare < with_it + CLEARLY or share(without, chain.fit) < WORTH:
+        needless = bare < with_it + CLEARLY or share(without, chain.fit) < WORTH
+        if needless and are_distinguishable(without, context.parts, rest):
             return exchange(Chain(without, rest), context, last, left)
         alternatives = context.fit_alternatives(without, AGAIN, RIVALS * chain.fit.error)
         scores = criterion([chain.fit, *(c.fit for c in alternatives)])

@@ -126,14 +126,15 @@ def fit_alternatives(base: Fit, parts: Sequence[Part], times: tuple[float, float
         most_error: what leaves more is not searched on, nor refined.
     """
     prospects = screen(base, parts)
-    if not afresh and nothing_shows(base, prospects):
-        return []
     reach = spans(base.candidate, parts)
-    hiding = [Placed(effect, port, tuple(values))
+    hiding = [with_effect(base.candidate, Placed(effect, port, tuple(values)))
               for effect, port in places(base.candidate.plant, base.candidate.effects)
               if effect.hides for values in effect.starts(reach[port])[:1]]
-    near = [with_effect(base.candidate, placed)
-            for placed in (*shortlist(prospects, most), *hiding)]
+    hiding = [one for one in hiding if _can_show(one, parts)]
+    if not afresh and nothing_shows(base, prospects, hiding, parts):
+        return []
+    near = [*(with_effect(base.candidate, placed) for placed in shortlist(prospects, most)),
+            *hiding]
     plain = [*known, *drift_starts(base, parts, times)]
     if afresh:
         plain += nearest(linear_starts(base.candidate, parts), parts)
@@ -183,10 +184,20 @@ def race(candidates: Sequence[Model], parts: Sequence[Part],
         fits[0] for fits, count in zip(ranked, starts, strict=True) if not count)])
 
 
-def nothing_shows(base: Fit, prospects: Sequence[Prospect]) -> bool:
-    """Whether the residual is white and no effect has a score above chance."""
-    most = max((p.share for p in prospects), default=0.0)
-    return most * len(base.residual) < PROMISING and is_white(base.by_part)
+def nothing_shows(base: Fit, prospects: Sequence[Prospect], hiding: Sequence[Model],
+                  parts: Sequence[Part]) -> bool:
+    """Whether the residual is white and no effect has a score above chance.
+
+    The score of one that hides is what a linear step from its start would take off: a delay is
+    spread over so many samples that a residual may hold much of it and look white.
+    """
+    if not is_white(base.by_part):
+        return False
+    without, *problems = _problems([base.candidate, *hiding], parts)
+    power = without.begin().power
+    steps = in_processes(Problem.linear_prediction, problems)
+    shares = [p.share for p in prospects] + [1.0 - leaves / power for _, leaves in steps]
+    return max(shares, default=0.0) * len(base.residual) < PROMISING
 
 
 def free_run_error(candidate: Model, parts: Sequence[Part]) -> float:

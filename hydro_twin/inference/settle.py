@@ -64,7 +64,8 @@ def _proven(chain: Chain, without: Fit, context: Context) -> Chain:
     An effect helps if the whole interval of the improvement is above zero. One that does not
     gives way to an effect that the training data hardly tell from it, if that helps. Where one
     could only be left out because another took its place as a simpler law, as a hysteresis that
-    is never crossed and so is a constant of each window, the other is dropped.
+    is never crossed and so is a constant of each window, the other is dropped, if it fails, too;
+    else both stay.
 
     Short held-out data may not prove each of two effects without the other, as a dead zone with a
     limit behind it. Where none would be left, those stay that surely help together, if each is
@@ -83,17 +84,15 @@ def _proven(chain: Chain, without: Fit, context: Context) -> Chain:
     after = residuals(chain.fit, context.held_out)
     gains = [surer_improvement(residuals(fit, context.held_out), after, context.seed)
              for fit in bare]
-    fails = [k for k, gain in enumerate(gains) if not gain.low > 0.0]
+    fails = {k for k, gain in enumerate(gains) if not gain.low > 0.0}
+    replaced_by = {k: _simpler_without(chain, k, bare[k], context) for k in fails}
+    fails -= {k for k, others in replaced_by.items() if others and not others <= fails}
     if not fails:
         return chain
     least = min(fails, key=lambda k: gains[k].low)
     if instead := _unrefuted(chain, least, bare[least], context):
         return _proven(instead, without, context)
-    rest = other_findings(chain, least)
-    for k, found in enumerate(rest):
-        if not is_distinguishable(bare[least], context.parts, found.index):
-            least = k + (k >= least)
-            break
+    least = min(replaced_by[least], default=least)
     # What stood beside the others need not be the best by itself.
     chosen = exchange(Chain(bare[least], other_findings(chain, least)), context, last=True)
     smaller = _proven(chosen, without, context)
@@ -101,6 +100,12 @@ def _proven(chain: Chain, without: Fit, context: Context) -> Chain:
         return smaller
     before = residuals(without, context.held_out)
     return chain if surer_improvement(before, after, context.seed).low > 0.0 else smaller
+
+
+def _simpler_without(chain: Chain, k: int, without: Fit, context: Context) -> set[int]:
+    """Say which of the others are no longer distinguished from simpler laws without an effect."""
+    return {j + (j >= k) for j, found in enumerate(other_findings(chain, k))
+            if not is_distinguishable(without, context.parts, found.index)}
 
 
 def _unrefuted(chain: Chain, k: int, without: Fit, context: Context) -> Chain | None:

@@ -23,7 +23,7 @@ from hydro_twin.parallel import in_processes
 from hydro_twin.plants.plant import FloatArray
 from hydro_twin.predictors.scores import rms
 
-AGAIN = 5               # effects with the best scores that are searched from two starting points
+AGAIN = 5               # effects with the best scores that are searched from more than one start
 
 
 def with_effect(candidate: Model, placed: Placed) -> Model:
@@ -110,12 +110,22 @@ def relocated(candidate: Model, parts: Sequence[Part]) -> list[Model]:
 
 
 def shortlist(prospects: Sequence[Prospect], most: int) -> list[Placed]:
-    """Take the effects of the best scores: two starts for the first few, one for the others."""
-    starts: dict[tuple[str, str, str], list[Placed]] = {}
+    """Take the effects of the best scores, each from its best start.
+
+    The first few from the second, too, and from the best made as strong as the residual says: a
+    law that is far too strong at its start moves the output so far that no search leads back.
+    """
+    effects: dict[tuple[str, str, str], list[Prospect]] = {}
     for prospect in prospects:
         placed = prospect.placed
-        starts.setdefault((placed.effect.id, placed.port.name, placed.port.kind), []).append(
-            placed)
-    return [placed for rank, some in enumerate(starts.values())
-            for placed in some[:2 if rank < AGAIN else 1]
-            if rank < most or placed.effect.hides]
+        effects.setdefault((placed.effect.id, placed.port.name, placed.port.kind), []).append(
+            prospect)
+    chosen = []
+    for rank, starts in enumerate(effects.values()):
+        best = starts[0]
+        if rank < most or best.placed.effect.hides:
+            chosen.append(best.placed)
+        if rank < min(most, AGAIN):
+            chosen += [start.placed for start in starts[1:2]]
+            chosen += [best.placed.scaled(best.gain)] if best.gain > 0.0 else []
+    return list(dict.fromkeys(chosen))

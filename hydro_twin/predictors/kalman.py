@@ -20,7 +20,7 @@ from hydro_twin.plants.plant import FloatArray
 from hydro_twin.predictors.follow import follow_by
 from hydro_twin.predictors.kernel import LIMIT
 from hydro_twin.predictors.step_derivatives import advance, divided, output, read_sensor
-from hydro_twin.predictors.tangents import told_apart
+from hydro_twin.predictors.tangents import split_rows
 
 # When a sensor is believed: the square of its innovation is compared with the variance that the
 # filter expects, sample by sample [Bar-Shalom, Li and Kirubarajan 2001, 5.4]. Five standard
@@ -229,7 +229,7 @@ def run(  # type: ignore[no-untyped-def]
     must be made anew.
     """
     S, blocks, room, work, g, v, misfit = scratch
-    tangent = told_apart(step, tangent)
+    tangent = split_rows(step, tangent)
     n, N, w, used, variances = len(x), len(S), len(z), filter_.used, filter_.variances
     m = len(step.shift)
     q = x[:0] if slow is None else slow.now

@@ -22,7 +22,7 @@ from hydro_twin.predictors.step_derivatives import (
     rows_for,
 )
 from hydro_twin.predictors.system import System
-from hydro_twin.predictors.tangents import Directions, lasting, Tangent, told_apart
+from hydro_twin.predictors.tangents import Directions, lasting, split_rows, Tangent
 
 UNBOUNDED = 1e50        # of a derivative: its products in a fit would overflow
 
@@ -39,7 +39,7 @@ def run_stretches(  # type: ignore[no-untyped-def]
     on, its derivatives at 0.
     """
     n, W, m = x.shape[1], z.shape[1], len(step.shift)
-    tangent = told_apart(step, tangent)
+    tangent = split_rows(step, tangent)
     rows = divided(blocks[:n], blocks[n:n + W], blocks[n + W:], m, step.H.shape[1] - n - m)
     for r in range(len(stretches)):
         part, begin, end = stretches[r, 0], stretches[r, 1], stretches[r, 2]

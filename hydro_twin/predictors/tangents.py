@@ -44,7 +44,7 @@ class Tangent(NamedTuple):
 
 
 class TangentRows(NamedTuple):
-    """A tangent with its rows told apart.
+    """A tangent with its rows split by what they belong to.
 
     Attributes:
         M, H: derivatives of the matrices of the step, element after element.
@@ -66,7 +66,7 @@ class TangentRows(NamedTuple):
 
 
 @compiled
-def told_apart(step, tangent):  # type: ignore[no-untyped-def]
+def split_rows(step, tangent):  # type: ignore[no-untyped-def]
     """Return the `TangentRows` of a tangent, in compiled code, which passes one array faster."""
     H = step.M.size
     p = H + step.H.size

@@ -71,6 +71,18 @@ def test_without_strength_it_is_the_linear_model(site):
     np.testing.assert_allclose(found, linear, rtol=0, atol=1e-9 * np.abs(linear).max())
 
 
+@pytest.mark.parametrize('site', [site for site in SITES if any(
+    p.scales for p in site[1].parameters)], ids=named)
+def test_half_as_strong_it_moves_the_output_half_as_far(site):
+    plant, effect, port = site
+    part = Part(smooth(plant), np.zeros(600))
+    reach = spans(Model(plant, values(plant), plant.sample_time, ()), [part])[port]
+    weak = Placed(effect, port, tuple(effect.starts(reach)[0])).scaled(0.1)
+    linear = run(plant)
+    once, half = (run(plant, [placed]) - linear for placed in (weak, weak.scaled(0.5)))
+    assert rms(half) / rms(once) == pytest.approx(0.5, rel=0.3)
+
+
 @pytest.mark.parametrize('plant', PLANTS.values(), ids=PLANTS)
 def test_all_together_without_strength_are_the_linear_model(plant):
     linear = run(plant)

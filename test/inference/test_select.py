@@ -107,6 +107,19 @@ def test_a_delay_that_lags_and_inertia_had_made_up_for():
 
 
 @pytest.mark.slow
+def test_an_orifice_is_found_that_is_much_weaker_than_any_start():
+    weak = ('orifice', 'flow', {'supply_pressure': 4e8})        # 60 times the load pressure
+    others = ('hysteresis', 'spool', {'width': 4e-6}), ('backlash', 'coupling', {'gap': 1e-4})
+    alone, parts, _ = fitted(record(*others, weak, noise=0.05))
+    beside = tuple(place(*other, PLANT) for other in others)
+    base = search(replace(alone.candidate, effects=beside, substeps=4), parts, 40)
+    first, *_ = fit_alternatives(base, parts, (0.0, 1.0), 8, False)
+    assert first.id == 'orifice'
+    assert first.placed.named['supply_pressure'] == pytest.approx(4e8, rel=0.05)
+    assert first.fit.error == pytest.approx(0.05, rel=0.05)
+
+
+@pytest.mark.slow
 def test_a_ripple_is_found_in_less_than_half_a_period_of_it():
     waves = {'cosine': 4.0, 'sine': -2.0, 'periods': 30.0}
     alone, parts, _ = fitted(record(('ripple', 'motor', waves), noise=0.1))
