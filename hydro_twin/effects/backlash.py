@@ -28,7 +28,7 @@ EFFECT = Effect(
     title='backlash',
     kinds=('coupling',),
     reads=('twist',),
-    parameters=(EffectParameter('gap', 'half of the play', 'twist', 1e-12, 1e3, scales=1),),
+    parameters=(EffectParameter('gap', 'half of the play', 'twist', 1e-12, 1e3),),
     starts=starts,
     excitation='let the load change sign slowly, so that the play is crossed',
     law=law,

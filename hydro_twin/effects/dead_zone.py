@@ -47,9 +47,9 @@ EFFECT = Effect(
     title='dead zone',
     kinds=('opening', 'command', 'pilot', 'linkage', 'stem'),
     parameters=(
-        EffectParameter('width', 'half width of the zone', 'value', 1e-12, 1e9, scales=1),
+        EffectParameter('width', 'half width of the zone', 'value', 1e-12, 1e9),
         EffectParameter('centre', 'middle of the zone', 'value', -1e9, 1e9, log=False,
-                        refinement=0.0, scales=1),
+                        refinement=0.0),
         EffectParameter('leak', 'share that passes within the zone', '1', 0.0, 0.9, log=False,
                         refinement=0.0),
     ),

@@ -22,8 +22,9 @@ class EffectParameter:
         unreached: of a limit, the value that stands for none: a limit that the recording never
             reached is not a found one. None: no limit.
         fixed: whether it is set from the recording, and no fit moves it.
-        scales: power of the effect's strength that it goes with: 1 for a width, -1 for a supply
-            pressure, below which a flow falls; 0 if it does not say how strong the effect is.
+        scales: power of the effect's strength that it goes with: 1 for an amplitude, -1 for a
+            supply pressure, below which a flow falls; 0 if it says nothing of the strength, or,
+            as the width of a dead zone, has a local minimum at each cluster of turning points.
     """
 
     name: str

@@ -39,7 +39,7 @@ EFFECT = Effect(
     title='hysteresis',
     kinds=('command', 'opening', 'pilot'),
     parameters=(
-        EffectParameter('width', 'half width of the loop', 'value', 1e-12, 1e9, scales=1),
+        EffectParameter('width', 'half width of the loop', 'value', 1e-12, 1e9),
         EffectParameter('slope', 'share of a small movement that is bound', '1', 0.02, 1.0,
                         refinement=1.0),
     ),

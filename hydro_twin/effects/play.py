@@ -27,7 +27,7 @@ EFFECT = Effect(
     id='backlash',
     title='backlash',
     kinds=('stem', 'linkage'),
-    parameters=(EffectParameter('gap', 'half of the play', 'value', 1e-12, 1e9, scales=1),),
+    parameters=(EffectParameter('gap', 'half of the play', 'value', 1e-12, 1e9),),
     starts=starts,
     excitation='move it slowly back and forth, so that the play is crossed',
     distinguishable=distinguishable,

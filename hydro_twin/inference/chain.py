@@ -127,7 +127,8 @@ def _earned(found: Finding, without: Fit, added: Alternative, parts: Sequence[Pa
 
     The residual of one law is no evidence for any other. So the effect must be clearly the best,
     unless it removes half of the residual; and remove much of it, or, as the only one, all that
-    is there: what is left is white, or the port signals predict it no longer.
+    is there: what is left is white, or the port signals predict it no longer. Of whitened parts
+    any residual is white.
     """
     nearest = _nearest(found, added.placed.effect)
     if nearest < CLEARLY and found.share < ENOUGH:
@@ -135,10 +136,10 @@ def _earned(found: Finding, without: Fit, added: Alternative, parts: Sequence[Pa
     if found.share > MORE:
         return True
     before, after = criterion([without, added.fit])
+    white = is_white(added.fit.by_part) and not parts[0].filters
     return (min(nearest, before - after) > NEAR
             and predicted_by_ports(added.fit, parts)[1] > PREDICTED
-            and (is_white(added.fit.by_part)
-                 or predicted_by_ports(without, parts)[1] < SURELY_PREDICTED))
+            and (white or predicted_by_ports(without, parts)[1] < SURELY_PREDICTED))
 
 
 def refined(chain: Chain, findings: Sequence[Finding], context: Context) -> Chain:
