@@ -191,10 +191,10 @@ def test_what_is_distinguished_stays_as_it_is(grown):
 
 @pytest.mark.slow
 def test_what_stood_beside_an_effect_that_is_dropped_is_chosen_again(grown, monkeypatch):
-    """A leakage beside a bias may be all that is left, and friction is what is there."""
+    """A bias beside a leakage may be all that is left, and friction is what is there."""
     chain, alone, context = grown(('leakage', 'leakage', {'flow': 1e-7, 'exponent': 0.5}),
                                   BIAS)
-    helps = iter([1.0, -0.1])               # of each with both in
+    helps = iter([-0.1, 1.0])               # of each with both in
     module = 'hydro_twin.inference.settle'
     monkeypatch.setattr(f'{module}.surer_improvement',
                         lambda *_: Improvement(0.0, next(helps, 1.0), 1.0))
@@ -213,6 +213,39 @@ def test_an_effect_that_another_replaces_as_a_simpler_law_stays(grown, monkeypat
         lambda fit, parts, index: names(Chain(fit)) != ['hysteresis'] or index != 0)
     monkeypatch.setattr(f'{module}.exchange', lambda chain, context, last: chain)
     assert names(_proven(chain, alone, context)) == ['bias']
+
+
+def only_beside_a_bias(fit, _, index):
+    """Say that the recording distinguishes a hysteresis only beside a bias."""
+    return names(Chain(fit)) != ['hysteresis'] or index != 0
+
+
+def test_both_stay_where_the_one_that_replaces_the_other_helps(grown, monkeypatch):
+    chain, alone, context = grown(BIAS, ('hysteresis', 'command', {'width': 0.1}))
+    helps = iter([-0.1, 1.0])
+    module = 'hydro_twin.inference.settle'
+    monkeypatch.setattr(f'{module}.surer_improvement',
+                        lambda *_: Improvement(0.0, next(helps), 1.0))
+    monkeypatch.setattr(f'{module}.is_distinguishable', only_beside_a_bias)
+    assert names(_proven(chain, alone, context)) == ['bias', 'hysteresis']
+
+
+@pytest.mark.parametrize('distinguished', [True, False])
+def test_what_another_makes_up_for_only_as_a_simpler_law_is_not_needless(
+        grown, monkeypatch, distinguished):
+    chain, _, context = grown(BIAS, ('hysteresis', 'command', {'width': 0.1}))
+    module = 'hydro_twin.inference.chain'
+
+    def as_good(_, fit, indices):
+        candidates = [fit.candidate.without(k) for k in indices]
+        return [replace(fit, candidate=one, unknowns=tuple(searched(one))) for one in candidates]
+
+    monkeypatch.setattr(Context, 'without', as_good)
+    monkeypatch.setattr(Context, 'fit_alternatives', lambda *_: [])
+    if not distinguished:
+        monkeypatch.setattr(f'{module}.is_distinguishable', only_beside_a_bias)
+    left = ['hysteresis'] if distinguished else ['bias', 'hysteresis']
+    assert names(exchange(chain, context)) == left
 
 
 @pytest.mark.parametrize(('gain', 'refuted'), [
