@@ -50,6 +50,11 @@ def test_where_both_searches_name_the_same_the_error_of_the_run_decides(recorded
     assert centre - width == pytest.approx(sampled_valve.LOWER, abs=0.15)
     assert centre + width == pytest.approx(sampled_valve.UPPER, abs=0.15)
     assert found.fit.whitened is None
+    there = place('dead_zone', 'command', {
+        'width': 0.5 * (sampled_valve.UPPER - sampled_valve.LOWER),
+        'centre': 0.5 * (sampled_valve.UPPER + sampled_valve.LOWER)}, PLANT)
+    from_truth = search(replace(found.fit.candidate, effects=(there,)), context.parts, 60)
+    assert found.fit.error < from_truth.error
 
 
 def stub_searches(monkeypatch, *chains):
