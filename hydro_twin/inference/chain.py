@@ -1,7 +1,7 @@
 """The loop: effects added one after another, until nothing more earns its place."""
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -156,8 +156,7 @@ def simplified(chain: Chain, context: Context) -> Chain:
     Beside a later effect a dead zone may shrink to nothing about a centre, and so be a bias.
     """
     for _ in chain.findings:
-        k = next((k for k, found in enumerate(chain.findings) if not is_distinguishable(
-            chain.fit, context.parts, found.index)), None)
+        k = next(indistinct(chain.fit, context.parts, chain.findings), None)
         if k is None:
             break
         found, rest = chain.findings[k], other_findings(chain, k)
@@ -174,9 +173,10 @@ def simplified(chain: Chain, context: Context) -> Chain:
     return chain
 
 
-def are_distinguishable(fit: Fit, parts: Sequence[Part], findings: Sequence[Finding]) -> bool:
-    """Whether the recording distinguishes each of the effects found from a simpler one."""
-    return all(is_distinguishable(fit, parts, found.index) for found in findings)
+def indistinct(fit: Fit, parts: Sequence[Part], findings: Sequence[Finding]) -> Iterator[int]:
+    """Yield which of the effects found the recording does not distinguish from simpler ones."""
+    return (k for k, found in enumerate(findings)
+            if not is_distinguishable(fit, parts, found.index))
 
 
 def without_last(base: Fit, better: Fit, parts: Sequence[Part]) -> Fit:
@@ -294,7 +294,7 @@ def exchange(chain: Chain, context: Context, last: bool = False,
         (without,), rest = context.without(chain.fit, [found.index]), other_findings(chain, k)
         with_it, bare = criterion([chain.fit, without])
         needless = bare < with_it + CLEARLY or share(without, chain.fit) < WORTH
-        if needless and are_distinguishable(without, context.parts, rest):
+        if needless and next(indistinct(without, context.parts, rest), None) is None:
             return exchange(Chain(without, rest), context, last, left)
         alternatives = context.fit_alternatives(without, AGAIN, RIVALS * chain.fit.error)
         scores = criterion([chain.fit, *(c.fit for c in alternatives)])

@@ -191,13 +191,13 @@ def nothing_shows(base: Fit, prospects: Sequence[Prospect], hiding: Sequence[Mod
     The score of one that hides is what a linear step from its start would take off: a delay is
     spread over so many samples that a residual may hold much of it and look white.
     """
-    if not is_white(base.by_part):
+    chance = PROMISING / len(base.residual)
+    if any(p.share >= chance for p in prospects) or not is_white(base.by_part):
         return False
     without, *problems = _problems([base.candidate, *hiding], parts)
     power = without.begin().power
-    steps = in_processes(Problem.linear_prediction, problems)
-    shares = [p.share for p in prospects] + [1.0 - leaves / power for _, leaves in steps]
-    return max(shares, default=0.0) * len(base.residual) < PROMISING
+    return all(1.0 - leaves / power < chance
+               for _, leaves in in_processes(Problem.linear_prediction, problems))
 
 
 def free_run_error(candidate: Model, parts: Sequence[Part]) -> float:

@@ -7,13 +7,13 @@ from dataclasses import replace
 from hydro_twin.effects import Placed
 from hydro_twin.fitting.autoregression import effective_samples
 from hydro_twin.fitting.fit import Fit
-from hydro_twin.inference.chain import exchange, refined, simplified
+from hydro_twin.inference.chain import exchange, indistinct, refined, simplified
 from hydro_twin.inference.context import Context
 from hydro_twin.inference.criterion import CLEARLY, criterion
 from hydro_twin.inference.findings import Chain, finding, other_findings
 from hydro_twin.inference.proof import proof, residuals, surer_improvement
 from hydro_twin.inference.reading import equivalents
-from hydro_twin.inference.select import is_distinguishable, LONG, search_all
+from hydro_twin.inference.select import LONG, search_all
 from hydro_twin.result import CLOSE
 
 
@@ -104,8 +104,7 @@ def _proven(chain: Chain, without: Fit, context: Context) -> Chain:
 
 def _simpler_without(chain: Chain, k: int, without: Fit, context: Context) -> set[int]:
     """Say which of the others are no longer distinguished from simpler laws without an effect."""
-    return {j + (j >= k) for j, found in enumerate(other_findings(chain, k))
-            if not is_distinguishable(without, context.parts, found.index)}
+    return {j + (j >= k) for j in indistinct(without, context.parts, other_findings(chain, k))}
 
 
 def _unrefuted(chain: Chain, k: int, without: Fit, context: Context) -> Chain | None:

@@ -209,7 +209,7 @@ def test_an_effect_that_another_replaces_as_a_simpler_law_stays(grown, monkeypat
     monkeypatch.setattr(f'{module}.surer_improvement',
                         lambda *_: Improvement(0.0, next(helps), 1.0))
     monkeypatch.setattr(
-        f'{module}.is_distinguishable',
+        'hydro_twin.inference.chain.is_distinguishable',
         lambda fit, parts, index: names(Chain(fit)) != ['hysteresis'] or index != 0)
     monkeypatch.setattr(f'{module}.exchange', lambda chain, context, last: chain)
     assert names(_proven(chain, alone, context)) == ['bias']
@@ -226,7 +226,7 @@ def test_both_stay_where_the_one_that_replaces_the_other_helps(grown, monkeypatc
     module = 'hydro_twin.inference.settle'
     monkeypatch.setattr(f'{module}.surer_improvement',
                         lambda *_: Improvement(0.0, next(helps), 1.0))
-    monkeypatch.setattr(f'{module}.is_distinguishable', only_beside_a_bias)
+    monkeypatch.setattr('hydro_twin.inference.chain.is_distinguishable', only_beside_a_bias)
     assert names(_proven(chain, alone, context)) == ['bias', 'hysteresis']
 
 
