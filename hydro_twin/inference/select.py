@@ -21,6 +21,7 @@ from hydro_twin.fitting.parts import Part
 from hydro_twin.fitting.problem import Problem, solve_all
 from hydro_twin.fitting.unknowns import (
     effect_unknowns,
+    label,
     plant_unknowns,
     timing_unknowns,
     Unknown,
@@ -308,8 +309,16 @@ def refine(fits: Sequence[Fit], parts: Sequence[Part], index: int = -1) -> list[
                        if best is not fit], parts, LONG)
     refined = [fit if best is fit else next(long)
                for best, fit in zip(chosen, fits, strict=True)]
+    # The same form from another start may end worse than the fit that there was.
+    refined = [min(form, fit, key=lambda one: one.cost) if _same_form(form, fit) else form
+               for form, fit in zip(refined, fits, strict=True)]
     return [form if form is fit or is_distinguishable(form, parts, index) else plain
             for form, fit, plain in zip(refined, fits, simple, strict=True)]
+
+
+def _same_form(fit: Fit, other: Fit) -> bool:
+    """Whether two fits have the same unknowns."""
+    return [*map(label, fit.unknowns)] == [*map(label, other.unknowns)]
 
 
 def _is_refined(fit: Fit, index: int) -> bool:
