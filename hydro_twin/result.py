@@ -104,7 +104,7 @@ class NamedEffect:
         placed: the effect with its values.
         p_value: of what it adds to the others, for all that was tried.
         share: of the mean square error without it that it takes off.
-        settled: whether no test finds anything in the residual that may hide another law.
+        law_unknown: probability that the law is none of the library's.
         probability: that this is the law; where it sits may still be open.
         ports: probability of each port at which it may sit, given the effect; its own first.
         other_ports: where it would explain as much.
@@ -115,7 +115,7 @@ class NamedEffect:
     placed: Placed
     p_value: float
     share: float
-    settled: bool
+    law_unknown: float
     probability: float
     ports: Mapping[str, float]
     other_ports: tuple[str, ...]

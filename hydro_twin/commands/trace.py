@@ -77,8 +77,8 @@ def show(result: dict[str, Any], console: Console) -> None:
             f'{name} {p["value"]:.4g} {p["unit"]}'
             + (f' ± {p["std_error"]:.2g}' if p['std_error'] is not None else '')
             for name, p in effect['parameters'].items())
-        console.print(f'{effect["id"]} at {effect["port"]}: {values} '
-                      f'({"certain" if effect["certain"] else "not certain"})')
+        sure = 'certain' if effect['certain'] else f'probability {effect["probability"]:.2f}'
+        console.print(f'{effect["id"]} at {effect["port"]}: {values} ({sure})')
     table = Table('error (RMS)', 'before', 'after')
     for kind in FIGURES:
         if any(kind not in result[when] for when in ('before', 'after')):

@@ -7,7 +7,6 @@ what is left then points elsewhere.
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
-import math
 
 import numpy as np
 
@@ -24,7 +23,7 @@ from hydro_twin.inference.chain import (
 from hydro_twin.inference.context import Context
 from hydro_twin.inference.criterion import CLEARLY, criterion
 from hydro_twin.inference.findings import Chain, finding, share
-from hydro_twin.inference.select import Alternative, refine
+from hydro_twin.inference.select import Alternative, HOPELESS, refine
 from hydro_twin.inference.settle import settled
 
 WIDTH = 3               # models that go on
@@ -53,12 +52,11 @@ def widen(chain: Chain, base: Fit, alternatives: Sequence[Alternative], context:
         return chain
     given = len(base.candidate.effects)
     seen: dict[frozenset[str], Fit] = {}
-    beam = _best([one.fit for one in alternatives if likely(base, one.fit, WORTH)], seen)
+    beam = _best(_promising(base, alternatives, chain), seen)
     for _ in range(MOST + DEEPER - 1):
         seen |= {_kinds(fit): fit for fit in beam}
-        extended = [one.fit for fit in beam
-                    for one in context.fit_alternatives(fit, AGAIN, _most(fit, chain))
-                    if likely(fit, one.fit, WORTH)]
+        extended = [one for fit in beam for one in _promising(
+            fit, context.fit_alternatives(fit, AGAIN, _most(fit, chain)), chain)]
         beam = _best((_without_needless(fit, given, context)
                       for fit in _best(extended, seen)), seen)
     seen |= {_kinds(fit): fit for fit in beam}
@@ -79,13 +77,19 @@ def widen(chain: Chain, base: Fit, alternatives: Sequence[Alternative], context:
     return other if two < one - CLEARLY else chain
 
 
+def _promising(fit: Fit, alternatives: Sequence[Alternative], chain: Chain) -> list[Fit]:
+    """Take the alternatives to a fit that explain something, and from which a chain is near."""
+    return [one.fit for one in alternatives
+            if likely(fit, one.fit, WORTH) and one.fit.error < HOPELESS * chain.fit.error]
+
+
 def _most(fit: Fit, chain: Chain) -> float:
     """Return the error beyond which an extension of a model is no rival to a chain.
 
     One that has no more effects may still come near with another.
     """
     larger = len(fit.candidate.effects) >= len(chain.fit.candidate.effects)
-    return RIVALS * chain.fit.error if larger else math.inf
+    return (RIVALS if larger else HOPELESS) * chain.fit.error
 
 
 def _kinds(fit: Fit) -> frozenset[str]:

@@ -25,6 +25,7 @@ from hydro_twin.inference.findings import (
     share,
     TRIED,
 )
+from hydro_twin.inference.noise import cannot_be_noise
 from hydro_twin.inference.proof import proof, residuals
 from hydro_twin.inference.select import (
     Alternative,
@@ -50,6 +51,7 @@ ROUNDS = 8              # most rounds of adding an effect
 LATER, AGAIN = 8, 4     # effects fitted in full after the first round, and for an exchange
 ENOUGH = 0.5            # least share above the noise that each takes off, if something is left, or
 #                         if others would take off as much
+NEARLY_ALL = 0.9        # the same of linear dynamics, if what is left cannot be noise
 AS_MUCH = 0.8           # share of a hysteretic law's gain from which a static one is enough
 SURELY_PREDICTED = 1e-4     # p-value below which the port signals certainly predict it
 HELD_OUT = 1.2          # ratio of held-out to training error above which it is not chance
@@ -199,23 +201,32 @@ def likely(before: Fit, after: Fit, worth: float) -> bool:
 
 
 def supported(chain: Chain, without: Fit, context: Context) -> Chain:
-    """Drop effects that explain less than half of the residual without them, if structure remains.
+    """Drop effects that explain too little of the residual without them, if structure remains.
 
-    An effect that explains only a part is not the one that is missing.
+    An effect that explains only a part is not the one that is missing. Half is enough; but not of
+    linear dynamics, where what is left cannot be noise: whatever acts late, as a play does, looks
+    like a delay, a lag or a mode.
 
     Args:
         chain: a model that has grown.
         without: the fit without any of its effects.
         context: the data.
     """
-    if not chain.findings or not leaves_something(chain, context):
+    if not chain.findings:
         return chain
-    bare = context.without(chain.fit, chain.indices) if len(chain.findings) > 1 else [without]
-    shares = [explained_share(fit, chain.fit) for fit in bare]
-    least = int(np.argmin(shares))
-    if shares[least] >= ENOUGH:
+    least = ENOUGH if leaves_something(chain, context) else 0.0
+    of_dynamics = NEARLY_ALL if cannot_be_noise(chain.fit.by_part) else least
+    needed = [of_dynamics if chain.fit.candidate.effects[k].effect.dynamic else least
+              for k in chain.indices]
+    if not any(needed):
         return chain
-    return supported(Chain(bare[least], other_findings(chain, least)), without, context)
+    bare = context.without(chain.fit, chain.indices) if len(needed) > 1 else [without]
+    spare = [explained_share(fit, chain.fit) - share
+             for fit, share in zip(bare, needed, strict=True)]
+    worst = int(np.argmin(spare))
+    if spare[worst] >= 0.0:
+        return chain
+    return supported(Chain(bare[worst], other_findings(chain, worst)), without, context)
 
 
 def leaves_something(chain: Chain, context: Context) -> bool:

@@ -3,6 +3,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+import math
 
 import numpy as np
 
@@ -57,7 +58,8 @@ class FittedCurve:
 
 
 def find_curve(fit: Fit, parts: Sequence[Part], held_out: Sequence[Part],
-               curves: Sequence[Dependence], seed: int) -> FittedCurve | None:
+               curves: Sequence[Dependence], seed: int, most_error: float = math.inf
+               ) -> FittedCurve | None:
     """Fit a curve at each port over each signal where something shows; the best, if it helps.
 
     Carried by the linear laws, no single curve may show where the missing one has biased the fit.
@@ -68,6 +70,7 @@ def find_curve(fit: Fit, parts: Sequence[Part], held_out: Sequence[Part],
         held_out: the data that it was not.
         curves: what each explains of the residual by the linear laws, the most first.
         seed: of the bootstrap.
+        most_error: what leaves more after a short search is not searched on.
 
     Returns:
         None where no curve improves the free run on held-out data.
@@ -82,7 +85,10 @@ def find_curve(fit: Fit, parts: Sequence[Part], held_out: Sequence[Part],
         return _begin(candidate, place, parts, LARGEST * carried[place.port].value)
 
     short = search_all([begin(fit.candidate, place) for place in places], parts, SHORT)
-    tried = sorted(zip(short, places, strict=True), key=lambda one: one[0].cost)[:KEPT]
+    tried = [one for one in sorted(zip(short, places, strict=True), key=lambda one: one[0].cost)
+             if one[0].error <= most_error][:KEPT]
+    if not tried:
+        return None
     # The missing curve may have biased the parameters: so from the middle of the box, too.
     plant = fit.candidate.plant
     middle = replace(fit.candidate, values={**fit.candidate.values, **plant.middle()})

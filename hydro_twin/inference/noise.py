@@ -37,6 +37,11 @@ def noise_floor(stretches: Sequence[FloatArray]) -> float:
     return max(float(np.sqrt(np.average(levels, weights=weights) * 0.25)), least)
 
 
+def cannot_be_noise(stretches: Sequence[FloatArray]) -> bool:
+    """Whether a residual is larger than noise is, white or coloured."""
+    return rms(np.concatenate(stretches)) > COLOURED * noise_floor(stretches)
+
+
 def _median_bias(samples: int, segment: int) -> float:
     """Median over mean of a spectral estimate that averages this many half-covered segments."""
     segments = max(1, 2 * samples // segment - 1)

@@ -16,7 +16,8 @@ from hydro_twin.result import NamedEffect, VerdictKind
 SAMPLES = 1000.0        # as many decide between two laws: 20 of BIC, of 3000 samples, is 7 %
 # Share of the development rigs on which the law was another than those named ...
 SETTLED = 0.005         # ... where no test found anything in the residual
-DOUBTFUL = 0.15         # ... and where one did
+DOUBTFUL = 0.15         # ... where one did
+POOR = 0.65             # ... and where much is left that cannot be noise
 # Share on which an effect showed although nothing was found, and none although something was left.
 MISSED = 0.15
 MISTAKEN = 0.02
@@ -47,15 +48,6 @@ def chance(p_value: float) -> float:
     return bound / (1.0 + bound)
 
 
-def unknown(settled: bool) -> float:
-    """Return the probability that the law is none of those named.
-
-    Args:
-        settled: whether no test finds anything in the residual that may hide it.
-    """
-    return SETTLED if settled else DOUBTFUL
-
-
 def of_verdict(verdict: VerdictKind, effects: Sequence[NamedEffect]) -> tuple[float, float]:
     """Return the probabilities that nothing is missing, and that a law is which is not known.
 
@@ -66,4 +58,4 @@ def of_verdict(verdict: VerdictKind, effects: Sequence[NamedEffect]) -> tuple[fl
     if verdict == 'unexplained':
         return MISTAKEN, 1.0 - MISTAKEN
     nothing = min(chance(effect.p_value) for effect in effects)
-    return nothing, (1.0 - nothing) * max(unknown(effect.settled) for effect in effects)
+    return nothing, (1.0 - nothing) * max(effect.law_unknown for effect in effects)

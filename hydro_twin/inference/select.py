@@ -29,6 +29,7 @@ from hydro_twin.fitting.unknowns import (
 from hydro_twin.fitting.whiteness import is_white
 from hydro_twin.inference.apart import by_recording, goes_with_time, joined
 from hydro_twin.inference.criterion import CLEARLY, criterion, refinement_gain
+from hydro_twin.inference.noise import cannot_be_noise
 from hydro_twin.inference.screen import places, Prospect, screen, spans
 from hydro_twin.inference.starts import (
     drift_starts,
@@ -46,7 +47,7 @@ LEADING, RACING = 6, 4      # effects that promise most; evaluations from two st
 KEPT = 4                # effects that go on after that, and are fitted to convergence
 SHORT, LONG = 10, 40    # evaluations of a search: to compare, to converge
 WITHIN = 3.0            # ratio to the lowest error beyond which no refinement makes up for it
-HOPELESS = 5.0          # and beyond which no longer search does
+HOPELESS = 5.0          # and beyond which no longer search does, nor one more effect
 PROMISING = 20.0        # likelihood ratio below which a score is chance
 
 
@@ -112,7 +113,8 @@ def fit_alternatives(base: Fit, parts: Sequence[Part], times: tuple[float, float
     """Fit a base with one effect more, for each effect and port; best first.
 
     A low score does not rule an effect out: the parameters may imitate it at the base's values,
-    but not at those of the full fit. An effect that hides in this way is always fitted. And a
+    but not at those of the full fit. An effect that hides in this way is always fitted; but no lag
+    or mode behind which the output moves slowly, where what is left may be noise. And a
     strong effect biases the linear fit so much that no search leads on from there. So a first
     round also starts from the middle of the box and from the fit by the one-step error.
 
@@ -131,7 +133,9 @@ def fit_alternatives(base: Fit, parts: Sequence[Part], times: tuple[float, float
     hiding = [with_effect(base.candidate, Placed(effect, port, tuple(values)))
               for effect, port in places(base.candidate.plant, base.candidate.effects)
               if effect.hides for values in effect.starts(reach[port])[:1]]
-    hiding = [one for one in hiding if _can_show(one, parts)]
+    slow = _moves_slowly(base.candidate, parts)
+    no_dynamics = slow and not cannot_be_noise(base.by_part)
+    hiding = [one for one in hiding if not (no_dynamics and _adds_dynamics(one))]
     if not afresh and nothing_shows(base, prospects, hiding, parts):
         return []
     near = [*(with_effect(base.candidate, placed) for placed in shortlist(prospects, most)),
@@ -139,19 +143,22 @@ def fit_alternatives(base: Fit, parts: Sequence[Part], times: tuple[float, float
     plain = [*known, *drift_starts(base, parts, times)]
     if afresh:
         plain += nearest(linear_starts(base.candidate, parts), parts)
-    tried = [one for one in (*plain, *near) if _can_show(one, parts)]
+    tried = [one for one in (*plain, *near) if not (no_dynamics and _adds_dynamics(one))]
     return finish(base, race(tried, parts, progress), parts, most_error)
 
 
-def _can_show(candidate: Model, parts: Sequence[Part]) -> bool:
-    """Whether the last effect can be distinguished in the residual as it is.
+def _moves_slowly(candidate: Model, parts: Sequence[Part]) -> bool:
+    """Whether an output hardly moves at the frequencies that part a lag or a mode from a delay.
 
-    Where a plant integrates, its output hardly moves at the frequencies where a lag or a mode
-    differs from a delay; where that is whitened, these frequencies count.
+    As that of a plant that integrates; where it is whitened, these frequencies count.
     """
+    return candidate.plant.integrates and not parts[0].filters
+
+
+def _adds_dynamics(candidate: Model) -> bool:
+    """Whether the last effect is a lag or a mode."""
     effect = candidate.effects[-1].effect
-    slow = candidate.plant.integrates and not parts[0].filters
-    return not (slow and effect.dynamic and effect.law is not None)
+    return effect.dynamic and effect.law is not None
 
 
 def race(candidates: Sequence[Model], parts: Sequence[Part],
@@ -211,7 +218,9 @@ def finish(base: Fit, ranked: Sequence[Fit], parts: Sequence[Part],
     """Fit the best to convergence, refine their last effects, and rank all of them.
 
     The law of the best is tried at its other ports, too, from its fit and from the base: the
-    search from its own start there may have ended in a local minimum.
+    search from its own start there may have ended in a local minimum. A lag or a mode behind
+    which the output moves slowly must leave less than all others: what it changes at high
+    frequencies weighs much in the BIC, and shows nothing.
 
     Args:
         base: the fit without the effect.
@@ -233,6 +242,8 @@ def finish(base: Fit, ranked: Sequence[Fit], parts: Sequence[Part],
             if is_distinguishable(fit, parts)]
     if fits and _drifts(fits[0]) and not _goes_with_time(fits[0], parts):
         fits = [fit for fit in fits if not _drifts(fit)]
+    if fits and _moves_slowly(base.candidate, parts) and not _adds_dynamics(fits[0].candidate):
+        fits = [fit for fit in fits if not _adds_dynamics(fit.candidate)]
     if not fits:
         return []
     scores = criterion(fits)

@@ -3,10 +3,11 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 
-from hydro_twin.effects import EFFECTS, Placed, Span
+from hydro_twin.effects import Placed, Span
 from hydro_twin.inference.evidence import Evidence
 from hydro_twin.inference.findings import Finding
-from hydro_twin.inference.probability import chance, shares, unknown
+from hydro_twin.inference.noise import COLOURED
+from hydro_twin.inference.probability import chance, DOUBTFUL, POOR, SETTLED, shares
 from hydro_twin.inference.screen import places, spans
 from hydro_twin.inference.structure import drifts
 from hydro_twin.plants import Plant, Port
@@ -14,6 +15,7 @@ from hydro_twin.result import CLOSE, NamedEffect, VerdictKind
 
 LEFT = 0.01             # share of the residual that ports may predict if a law is right
 LIKELY = 0.05           # p-value of that share
+MUCH = 0.1              # share of a misfit from which what is left is no detail of a right law
 TELLING = 3000.0        # energy explained over the noise variance, to be sure of a law
 
 
@@ -29,6 +31,13 @@ def is_structured(found: Evidence, level: float) -> bool:
     share, p_value = found.by_ports
     return bool(found.depends_on or found.lines or found.bursts or drifts(found.drifts)
                 or found.is_larger_held_out or found.is_loud or (p_value < level and share > LEFT))
+
+
+def leaves_much(found: Evidence) -> bool:
+    """Whether much of what the linear model misses is left, and cannot be noise."""
+    before, after, noise = (error**2 for error in (
+        found.before.error, found.after.error, found.floor))
+    return after > COLOURED**2 * noise and after - noise > MUCH * (before - noise)
 
 
 def named_effects(found: Evidence) -> tuple[NamedEffect, ...]:
@@ -53,10 +62,11 @@ def _judge(found: Evidence, finding: Finding, reach: Mapping[Port, Span]) -> Nam
     samples = len(found.after.main.residual)
     telling = finding.share / (1.0 - min(finding.share, 1.0 - 1e-12)) * samples
     settled = telling > TELLING and found.white and not is_structured(found, LIKELY)
+    unknown = SETTLED if settled else POOR if leaves_much(found) else DOUBTFUL
     among = shares({placed.effect.id: 0.0, **dict(rivals)}, samples)
     return NamedEffect(
-        finding.index, placed, finding.p_value, finding.share, settled,
-        probability=(1.0 - chance(finding.p_value)) * (1.0 - unknown(settled))
+        finding.index, placed, finding.p_value, finding.share, unknown,
+        probability=(1.0 - chance(finding.p_value)) * (1.0 - unknown)
         * among[placed.effect.id],
         ports=shares(_by_port(finding, placed, other_ports), samples),
         other_ports=other_ports, rivals=rivals)
@@ -64,18 +74,10 @@ def _judge(found: Evidence, finding: Finding, reach: Mapping[Port, Span]) -> Nam
 
 def _alike(plant: Plant, winner: str, ports: tuple[str, ...], reach: Mapping[Port, Span]
            ) -> list[str]:
-    """List other effects that would look the same at these ports in this recording.
-
-    Where a plant integrates, its output hardly moves at the frequencies that separate a delay from
-    other linear dynamics.
-    """
-    alike = [effect.id for effect, port in places(plant, ())
-             if port.name in ports and effect.passes_for is not None
-             and effect.passes_for(reach[port]) == winner]
-    dynamics = [effect.id for effect in EFFECTS if effect.dynamic]
-    if plant.integrates and winner in dynamics:
-        alike += sorted({*dynamics} - {winner})
-    return alike
+    """List other effects that would look the same at these ports in this recording."""
+    return [effect.id for effect, port in places(plant, ())
+            if port.name in ports and effect.passes_for is not None
+            and effect.passes_for(reach[port]) == winner]
 
 
 def _by_port(finding: Finding, placed: Placed, alike: tuple[str, ...]) -> dict[str, float]:

@@ -25,7 +25,7 @@ from hydro_twin.inference.curve import (
 from hydro_twin.inference.findings import Chain, explained_share, finding, other_findings
 from hydro_twin.inference.proof import proof, residuals
 from hydro_twin.inference.reading import readings
-from hydro_twin.inference.select import LONG, search, search_all
+from hydro_twin.inference.select import HOPELESS, LONG, search, search_all
 from hydro_twin.inference.structure import free_curves, shows
 from hydro_twin.predictors.scores import rms
 from hydro_twin.result import BestNamed, Dependence
@@ -56,7 +56,7 @@ def with_curve(chain: Chain, base: Fit, context: Context
     curves = free_curves(chain.fit, parts)
     at_first = curves if chain.fit is base else free_curves(base, parts)
     if chain.findings and _contested(chain, parts, curves, at_first):
-        instead = find_curve(base, parts, held_out, at_first, seed)
+        instead = find_curve(base, parts, held_out, at_first, seed, HOPELESS * chain.fit.error)
         if instead and is_better(instead, base, chain.fit, at_first, held_out, seed):
             read = read_as_names(Chain(base), instead, base, context)
             return (read, None, None) if read else (Chain(base), instead, chain)

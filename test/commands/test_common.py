@@ -68,8 +68,10 @@ def test_a_sample_time_is_above_zero(config):
         common.rig_from(parse('--plant', 'load_simulator', '--config', str(path)))
 
 
-def test_progress_counts_on_standard_error(capsys):
-    with progress('fitting', total=2) as advance:
-        advance()
-        advance()
-    assert capsys.readouterr().out == ''
+def test_progress_goes_to_standard_error(capsys, monkeypatch):
+    seconds = iter([0.0, 29.0, 31.0, 60.0, 62.5])
+    monkeypatch.setattr('hydro_twin.progress.monotonic', lambda: next(seconds))
+    with progress('fitting', total=4) as advance:
+        for _ in range(4):
+            advance()
+    assert capsys.readouterr() == ('', 'fitting, 31 s\nfitting, 62 s\n')

@@ -4,7 +4,9 @@ from __future__ import annotations
 from dataclasses import replace
 from types import SimpleNamespace
 
+import numpy as np
 import pytest
+from scipy.signal import cont2discrete, dlsim
 from traced_rig import fitted, PLANT, record
 
 from benchmarks.tracing.not_quite import CASES, recording
@@ -14,7 +16,8 @@ from hydro_twin.inference.findings import Finding
 from hydro_twin.inference.select import Alternative, search_all, simplest_first
 from hydro_twin.inference.trace import trace
 from hydro_twin.model import place
-from hydro_twin.recording.series import Recording
+from hydro_twin.plants import plant_named
+from hydro_twin.recording.series import Recording, Series
 from hydro_twin.report.summary import summarise
 from hydro_twin.result import CLOSE, Improvement
 
@@ -116,3 +119,23 @@ def test_beside_a_valve_of_second_order_the_friction_is_named_and_no_delay():
     assert found['friction', 'motor']['coulomb']['value'] == pytest.approx(6.0, rel=0.05)
     assert {identifier for identifier, _ in found} <= {'friction', 'lag', 'mode'}
     assert len(found) == 2
+
+
+@pytest.mark.slow
+def test_a_valve_of_second_order_before_an_integrator_is_a_mode():
+    """A cylinder, made by scipy: x' = 0.05 q, q'' = w^2 (u - q) - 2 D w q'."""
+    rng, time = np.random.default_rng(0), 0.004 * np.arange(6000)
+    w, damping = 2.0 * np.pi * 11.0, 0.35
+    command = sum(0.9 * np.sin(2.0 * np.pi * f * time + rng.uniform(0.0, 6.0))
+                  for f in (0.5, 1.3, 3.1, 6.3, 9.7, 14.9))
+    A = [[0.0, 0.05, 0.0], [0.0, 0.0, 1.0], [0.0, -w**2, -2.0 * damping * w]]
+    B, C = [[0.0], [0.0], [w**2]], [[1.0, 0.0, 0.0]]
+    position = dlsim(cont2discrete((A, B, C, [[0.0]]), 0.004), command)[1][:, 0]
+    measured = position + 3e-4 * rng.standard_normal(len(position))
+    report = summarise(trace(Recording((Series(
+        {'command': command, 'x': measured}, 0.004, start=0, source='made'),)), None,
+        plant_named('cylinder')))
+    (found,) = report['effects']
+    assert (found['id'], found['certain']) == ('mode', True)
+    assert found['parameters']['natural_frequency']['value'] == pytest.approx(11.0, rel=0.02)
+    assert found['parameters']['damping_ratio']['value'] == pytest.approx(damping, rel=0.03)

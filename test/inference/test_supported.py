@@ -19,7 +19,7 @@ from hydro_twin.inference.chain import (
 from hydro_twin.inference.context import Context
 from hydro_twin.inference.criterion import whitened_gain
 from hydro_twin.inference.findings import Chain, explained_share, Finding
-from hydro_twin.inference.noise import noise_floor
+from hydro_twin.inference.noise import cannot_be_noise, noise_floor
 from hydro_twin.inference.select import Alternative, is_distinguishable, search, searched
 from hydro_twin.inference.settle import _proven, _without_refuted
 from hydro_twin.model import place
@@ -67,6 +67,17 @@ def test_one_beside_a_larger_one_that_is_lacking_is_dropped(grown):
     chain, alone, context = grown(BIAS)
     assert explained_share(alone, chain.fit) < 0.5
     assert names(supported(chain, alone, context)) == []
+
+
+@pytest.mark.parametrize(('coulomb', 'kept'), [(2.0, ['delay']), (4.0, [])])
+def test_a_delay_that_leaves_more_than_noise_must_explain_nearly_all(coulomb, kept):
+    """The friction is in the rig and not in the model; either way most of the residual goes."""
+    delay = ('delay', 'command', {'time': 0.02})
+    chain, alone, context = growing(record(delay, ('friction', 'motor', {'coulomb': coulomb})))(
+        delay)
+    assert explained_share(alone, chain.fit) > 0.7
+    assert cannot_be_noise(chain.fit.by_part) == (not kept)
+    assert names(supported(chain, alone, context)) == kept
 
 
 @pytest.mark.slow

@@ -5,13 +5,13 @@ import math
 import numpy as np
 import pytest
 from scipy.signal import lfilter
-from trace_by_hand import candidate, evidence, parts
+from trace_by_hand import candidate, evidence
 
 from hydro_twin.fitting.parts import Part
 from hydro_twin.inference.evaluate import result_of
 from hydro_twin.inference.findings import Finding
 from hydro_twin.inference.noise import Burst, noise_floor
-from hydro_twin.inference.probability import chance, of_verdict, SAMPLES
+from hydro_twin.inference.probability import chance, DOUBTFUL, of_verdict, POOR, SAMPLES
 from hydro_twin.inference.select import search
 from hydro_twin.inference.verdict import named_effects, verdict_of
 from hydro_twin.model import place
@@ -121,14 +121,16 @@ def test_a_constant_torque_may_be_a_ripple_where_the_motor_hardly_turns(travel, 
     assert not (others and judged.certain)
 
 
-def test_a_delay_before_an_integrator_may_be_a_lag_or_a_mode():
-    truth = candidate('cylinder', [('delay', 'command', {'time': 0.02})])
-    made = parts(truth, 0.6, 0.01, 1)
-    found = replace(evidence('cylinder'), after=search(truth, made, 3), fitted=made,
-                    findings=(Finding(0, 1e-30, 0.999, ()),))
-    (judged,) = named_effects(found)
-    assert judged.close == ('lag', 'mode')
-    assert not judged.certain
+@pytest.mark.parametrize(('noise', 'missed', 'unknown'), [
+    (0.2, 2.0, POOR),           # 5 times the noise, and a fourth of what was missed
+    (0.2, 4.0, DOUBTFUL),       # as much, but a sixteenth only
+    (0.5, 2.0, DOUBTFUL)])      # twice the noise, which may be coloured
+def test_a_name_is_doubtful_where_much_is_left_that_cannot_be_noise(
+        rubbing, noise, missed, unknown):
+    before, after = (replace(rubbing.after, residual=error * np.ones(1000), lengths=(1000,))
+                     for error in (missed, 1.0))
+    found = replace(rubbing, white=False, before=before, after=after, floor=noise)
+    assert {one.law_unknown for one in named_effects(found)} == {unknown}
 
 
 @pytest.mark.parametrize('ratio', [1.5, float('nan')])
