@@ -128,9 +128,9 @@ def test_a_valve_of_second_order_before_an_integrator_is_a_mode():
     w, damping = 2.0 * np.pi * 11.0, 0.35
     command = sum(0.9 * np.sin(2.0 * np.pi * f * time + rng.uniform(0.0, 6.0))
                   for f in (0.5, 1.3, 3.1, 6.3, 9.7, 14.9))
-    A = [[0.0, 0.05, 0.0], [0.0, 0.0, 1.0], [0.0, -w**2, -2.0 * damping * w]]
-    B, C = [[0.0], [0.0], [w**2]], [[1.0, 0.0, 0.0]]
-    position = dlsim(cont2discrete((A, B, C, [[0.0]]), 0.004), command)[1][:, 0]
+    A = np.array([[0.0, 0.05, 0.0], [0.0, 0.0, 1.0], [0.0, -w**2, -2.0 * damping * w]])
+    B, C, D = np.array([[0.0], [0.0], [w**2]]), np.eye(1, 3), np.zeros((1, 1))
+    position = dlsim(cont2discrete((A, B, C, D), 0.004), command)[1][:, 0]
     measured = position + 3e-4 * rng.standard_normal(len(position))
     report = summarise(trace(Recording((Series(
         {'command': command, 'x': measured}, 0.004, start=0, source='made'),)), None,
