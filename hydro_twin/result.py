@@ -109,6 +109,8 @@ class NamedEffect:
         ports: probability of each port at which it may sit, given the effect; its own first.
         other_ports: where it would explain as much.
         rivals: (id, difference in BIC) of other effects in its place, nearest first.
+        given: for which of the plant's parameters, as they stand, its own are stated, by name: the
+            recording does not determine these, and the effect goes with them.
     """
 
     index: int
@@ -120,6 +122,7 @@ class NamedEffect:
     ports: Mapping[str, float]
     other_ports: tuple[str, ...]
     rivals: tuple[tuple[str, float], ...]
+    given: Mapping[str, tuple[str, ...]]
 
     @property
     def id(self) -> str:

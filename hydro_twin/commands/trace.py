@@ -76,6 +76,8 @@ def show(result: dict[str, Any], console: Console) -> None:
         values = ', '.join(
             f'{name} {p["value"]:.4g} {p["unit"]}'
             + (f' ± {p["std_error"]:.2g}' if p['std_error'] is not None else '')
+            + ''.join(f' at {held} = {value:.4g}'
+                      for held, value in effect['given'].get(name, {}).items())
             for name, p in effect['parameters'].items())
         sure = 'certain' if effect['certain'] else f'probability {effect["probability"]:.2f}'
         console.print(f'{effect["id"]} at {effect["port"]}: {values} ({sure})')

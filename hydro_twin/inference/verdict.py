@@ -4,6 +4,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 
 from hydro_twin.effects import Placed, Span
+from hydro_twin.fitting.given import given
 from hydro_twin.inference.evidence import Evidence
 from hydro_twin.inference.findings import Finding
 from hydro_twin.inference.noise import COLOURED
@@ -45,11 +46,20 @@ def named_effects(found: Evidence) -> tuple[NamedEffect, ...]:
     if not found.findings:
         return ()
     reach = spans(found.after.candidate, found.fitted)
-    return tuple(_judge(found, finding, reach) for finding in found.findings)
+    held = given(found.after, found.fitted)
+    return tuple(_judge(found, finding, reach, held) for finding in found.findings)
 
 
-def _judge(found: Evidence, finding: Finding, reach: Mapping[Port, Span]) -> NamedEffect:
-    """Judge one finding, given the range of each port and signal."""
+def _judge(found: Evidence, finding: Finding, reach: Mapping[Port, Span],
+           held: Mapping[str, tuple[str, ...]]) -> NamedEffect:
+    """Judge one finding.
+
+    Args:
+        found: the evidence.
+        finding: the effect.
+        reach: range of each port and signal.
+        held: for which parameters of the plant those of the effects are stated, see `given`.
+    """
     placed = found.final.candidate.effects[finding.index]
     other_ports = tuple(rival.port.name for rival, distance in finding.rivals
                         if rival.effect.id == placed.effect.id and distance < CLOSE)
@@ -69,7 +79,9 @@ def _judge(found: Evidence, finding: Finding, reach: Mapping[Port, Span]) -> Nam
         probability=(1.0 - chance(finding.p_value)) * (1.0 - unknown)
         * among[placed.effect.id],
         ports=shares(_by_port(finding, placed, other_ports), samples),
-        other_ports=other_ports, rivals=rivals)
+        other_ports=other_ports, rivals=rivals,
+        given={name: held[key] for name in placed.named
+               if (key := f'{finding.index}:{name}') in held})
 
 
 def _alike(plant: Plant, winner: str, ports: tuple[str, ...], reach: Mapping[Port, Span]

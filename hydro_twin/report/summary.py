@@ -43,7 +43,8 @@ def summarise(result: TraceResult) -> dict[str, Any]:
         'law_unknown': result.law_unknown,
         'evidence_left': result.evidence_left,
         'tested': TESTED[result.tested],
-        'effects': [_effect(effect, estimates[effect.index]) for effect in result.effects],
+        'effects': [_effect(effect, estimates[effect.index], result.after)
+                    for effect in result.effects],
         'found': result.found and _found(result.found, estimates[-1]),
         'best_named': result.best_named and _best_named(result.best_named),
         'ambiguous': [list(group) for group in result.ambiguous],
@@ -192,7 +193,7 @@ def _spells(left: Remainder) -> list[str]:
     return [f'much of it comes in {sum(s.end - s.begin for s in spells):.1f} s, {when}{bag}']
 
 
-def _effect(effect: NamedEffect, estimates: dict[str, Any]) -> dict[str, Any]:
+def _effect(effect: NamedEffect, estimates: dict[str, Any], model: Model) -> dict[str, Any]:
     return {
         'id': effect.id, 'port': effect.port, 'or_ports': list(effect.other_ports),
         'parameters': estimates,
@@ -200,6 +201,8 @@ def _effect(effect: NamedEffect, estimates: dict[str, Any]) -> dict[str, Any]:
         'certain': effect.certain,
         'probability': effect.probability, 'ports': dict(effect.ports),
         'rivals': [{'id': name, 'delta_bic': distance} for name, distance in effect.rivals],
+        'given': {name: {held: model.values[held] for held in together}
+                  for name, together in effect.given.items()},
     }
 
 

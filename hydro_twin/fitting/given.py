@@ -1,0 +1,55 @@
+"""On which parameters that no recording determines the size of an effect depends.
+
+Of a combination that acts together, as T_c / k_1, one member is searched and the others stay where
+they are. An effect that sits between them is then known in their units only: twice the k_1 before
+a dead zone, and twice its width, and nothing else is different.
+"""
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+
+from hydro_twin.fitting.fit import Fit
+from hydro_twin.fitting.identifiability import PARTNER
+from hydro_twin.fitting.parts import Part
+from hydro_twin.fitting.problem import Problem
+from hydro_twin.fitting.unknowns import label, left_alone, Unknown
+
+NONE = 1e-6             # of the movement by a parameter: rounding
+SAME = 0.05             # of a movement that the effects do not follow: they make up for the rest
+
+
+def given(fit: Fit, parts: Sequence[Part]) -> Mapping[str, tuple[str, ...]]:
+    """Say for which parameters of the plant, as they stand, those of the effects are stated.
+
+    Args:
+        fit: a fit with effects.
+        parts: what it was fitted to.
+
+    Returns:
+        `label` of an effect's parameter -> names of the plant's; those that depend on none are
+        left out.
+    """
+    plant, own = fit.candidate.plant, [u for u in fit.unknowns if u.owner.isdecimal()]
+    alone = [Unknown(p.name, '', p.minimum, p.maximum, True) for p in plant.parameters
+             if p.name in left_alone(plant)]
+    if not own or not alone:
+        return {}
+    problem = Problem(fit.candidate, [*fit.unknowns, *alone], parts)
+    moved = dict(zip(map(label, problem.unknowns), problem.as_it_is().jacobian.T, strict=True))
+    effects = np.column_stack([moved[label(unknown)] for unknown in own])
+    found: dict[str, tuple[str, ...]] = {}
+    for combination in plant.combinations:
+        first, *others = combination
+        for name in others:
+            within = moved[name] - combination[name] / combination[first] * moved[first]
+            if np.linalg.norm(within) < NONE * np.linalg.norm(moved[first]):
+                continue
+            weights = np.linalg.lstsq(effects, within)[0]
+            if np.linalg.norm(within - effects @ weights) > SAME * np.linalg.norm(within):
+                continue
+            for unknown, weight in zip(own, weights, strict=True):
+                if abs(weight) > PARTNER:
+                    found[label(unknown)] = (*found.get(label(unknown), ()), name)
+    return found
