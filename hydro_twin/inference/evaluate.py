@@ -73,7 +73,7 @@ def result_of(found: Evidence) -> TraceResult:
                                  [models['before']] if same else [*models.values()]))
     models = {'before': observed[0], 'after': observed[-1]}
     effects, verdict = named_effects(found), verdict_of(found)
-    nothing, law_unknown = of_verdict(verdict, effects)
+    nothing, law_unknown = of_verdict(verdict, effects, found.exceeds_noise)
     return TraceResult(
         plant=found.plant, verdict=verdict, nothing=nothing, law_unknown=law_unknown,
         evidence_left=found.evidence_left, tested=found.tested,

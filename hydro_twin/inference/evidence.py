@@ -12,7 +12,7 @@ from hydro_twin.fitting.parts import Part
 from hydro_twin.inference.chain import HELD_OUT
 from hydro_twin.inference.curve import FittedCurve
 from hydro_twin.inference.findings import Finding
-from hydro_twin.inference.noise import Burst
+from hydro_twin.inference.noise import Burst, COLOURED
 from hydro_twin.plants import Plant
 from hydro_twin.recording.series import Recording
 from hydro_twin.result import BestNamed, Dependence, Hidden, Improvement, Line, Memory
@@ -103,6 +103,11 @@ class Evidence:
     def is_loud(self) -> bool:
         """Whether more is left than noise that is even remotely white."""
         return self.after.error > LOUD * self.floor
+
+    @property
+    def exceeds_noise(self) -> bool:
+        """Whether more is left than white noise, or noise of a short memory."""
+        return self.after.error > COLOURED * self.floor
 
     @property
     def is_larger_held_out(self) -> bool:

@@ -20,6 +20,7 @@ DOUBTFUL = 0.15         # ... where one did
 POOR = 0.65             # ... and where much is left that cannot be noise
 # Share on which an effect showed although nothing was found, and none although something was left.
 MISSED = 0.15
+UNSEEN = 0.5            # the first, where more is left than noise of a short memory
 MISTAKEN = 0.02
 
 
@@ -48,13 +49,20 @@ def chance(p_value: float) -> float:
     return bound / (1.0 + bound)
 
 
-def of_verdict(verdict: VerdictKind, effects: Sequence[NamedEffect]) -> tuple[float, float]:
+def of_verdict(verdict: VerdictKind, effects: Sequence[NamedEffect], much: bool
+               ) -> tuple[float, float]:
     """Return the probabilities that nothing is missing, and that a law is which is not known.
 
     What they leave of one is the probability of the effects that were named.
+
+    Args:
+        verdict: what was found.
+        effects: that were named.
+        much: whether more is left than white noise, or noise of a short memory.
     """
     if verdict == 'nothing_missing':
-        return 1.0 - MISSED, MISSED
+        missed = UNSEEN if much else MISSED
+        return 1.0 - missed, missed
     if verdict == 'unexplained':
         return MISTAKEN, 1.0 - MISTAKEN
     nothing = min(chance(effect.p_value) for effect in effects)

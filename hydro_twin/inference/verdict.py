@@ -7,7 +7,6 @@ from hydro_twin.effects import Placed, Span
 from hydro_twin.fitting.given import given
 from hydro_twin.inference.evidence import Evidence
 from hydro_twin.inference.findings import Finding
-from hydro_twin.inference.noise import COLOURED
 from hydro_twin.inference.probability import chance, DOUBTFUL, POOR, SETTLED, shares
 from hydro_twin.inference.screen import places, spans
 from hydro_twin.inference.structure import drifts
@@ -38,7 +37,7 @@ def leaves_much(found: Evidence) -> bool:
     """Whether much of what the linear model misses is left, and cannot be noise."""
     before, after, noise = (error**2 for error in (
         found.before.error, found.after.error, found.floor))
-    return after > COLOURED**2 * noise and after - noise > MUCH * (before - noise)
+    return found.exceeds_noise and after - noise > MUCH * (before - noise)
 
 
 def named_effects(found: Evidence) -> tuple[NamedEffect, ...]:

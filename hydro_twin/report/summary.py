@@ -20,6 +20,7 @@ from hydro_twin.result import (
     TraceResult,
 )
 
+EVEN = 0.5              # probability that nothing is missing, up to which it is not said to be so
 TESTED = {
     0: 'bags that were not fitted',
     THIRD: 'the first third of every series, which was not fitted',
@@ -88,8 +89,12 @@ def sentence(result: TraceResult) -> str:
     falls = (f'the {error} on data it was not fitted to falls from {_short(test[0])} to '
              f'{_short(test[1])}{unit}')
     if result.verdict == 'nothing_missing':
-        return (f'Nothing is missing: the linear model leaves {_short(test[0])}{unit} on data it '
-                f'was not fitted to, and no effect earns its place there.')
+        leaves = (f'the linear model leaves {_short(test[0])}{unit} on data it was not fitted to, '
+                  f'and no effect earns its place there')
+        if result.nothing > EVEN:
+            return f'Nothing is missing: {leaves}.'
+        return (f'Nothing is found: {leaves}. That is more than white noise, so either the noise '
+                f'has memory or something acts that the ports do not show.')
     if result.verdict == 'unexplained':
         left = f'Something is left that no known effect explains: {remainder_sentence(result)}'
         if result.found is None:

@@ -50,6 +50,14 @@ def test_coloured_noise_may_look_five_times_as_large(rubbing):
     assert looks == pytest.approx(5.0, rel=0.1)
     coloured = replace(rubbing, findings=(), floor=rubbing.after.error / looks)
     assert verdict_of(coloured) == 'nothing_missing'
+    assert summarise(result_of(coloured))['nothing'] == 0.5
+    assert summarise(result_of(coloured))['says'].startswith('Nothing is found: ')
+
+
+def test_nothing_is_missing_where_only_noise_is_left(rubbing):
+    summary = summarise(result_of(replace(rubbing, findings=())))
+    assert summary['nothing'] > 0.8
+    assert summary['says'].startswith('Nothing is missing: ')
 
 
 def without_rivals(evidence):
@@ -90,7 +98,7 @@ def test_the_probabilities_of_the_verdicts_sum_to_one(rubbing):
     for found in (rubbing, replace(rubbing, findings=()),
                   replace(rubbing, findings=(), white=False, bursts=(Burst(0, 0, 50),))):
         effects, verdict = named_effects(found), verdict_of(found)
-        nothing, law_unknown = of_verdict(verdict, effects)
+        nothing, law_unknown = of_verdict(verdict, effects, much=False)
         named = 1.0 - nothing - law_unknown
         assert {'nothing_missing': nothing, 'unexplained': law_unknown,
                 'effect_found': named}[verdict] > 0.8
