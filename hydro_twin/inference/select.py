@@ -113,8 +113,8 @@ def fit_alternatives(base: Fit, parts: Sequence[Part], times: tuple[float, float
     """Fit a base with one effect more, for each effect and port; best first.
 
     A low score does not rule an effect out: the parameters may imitate it at the base's values,
-    but not at those of the full fit. An effect that hides in this way is always fitted; but no lag
-    or mode behind which the output moves slowly, where what is left may be noise. And a
+    but not at those of the full fit. An effect that hides in this way is always fitted, but for a
+    lag or a mode of a plant that integrates, where what is left may be noise. And a
     strong effect biases the linear fit so much that no search leads on from there. So a first
     round also starts from the middle of the box and from the fit by the one-step error.
 
@@ -133,8 +133,7 @@ def fit_alternatives(base: Fit, parts: Sequence[Part], times: tuple[float, float
     hiding = [with_effect(base.candidate, Placed(effect, port, tuple(values)))
               for effect, port in places(base.candidate.plant, base.candidate.effects)
               if effect.hides for values in effect.starts(reach[port])[:1]]
-    slow = _moves_slowly(base.candidate, parts)
-    no_dynamics = slow and not cannot_be_noise(base.by_part)
+    no_dynamics = _is_slow(base.candidate, parts) and not cannot_be_noise(base.by_part)
     hiding = [one for one in hiding if not (no_dynamics and _adds_dynamics(one))]
     if not afresh and nothing_shows(base, prospects, hiding, parts):
         return []
@@ -147,8 +146,8 @@ def fit_alternatives(base: Fit, parts: Sequence[Part], times: tuple[float, float
     return finish(base, race(tried, parts, progress), parts, most_error)
 
 
-def _moves_slowly(candidate: Model, parts: Sequence[Part]) -> bool:
-    """Whether an output hardly moves at the frequencies that part a lag or a mode from a delay.
+def _is_slow(candidate: Model, parts: Sequence[Part]) -> bool:
+    """Whether the output hardly moves at the frequencies where a lag, a mode and a delay differ.
 
     As that of a plant that integrates; where it is whitened, these frequencies count.
     """
@@ -218,9 +217,9 @@ def finish(base: Fit, ranked: Sequence[Fit], parts: Sequence[Part],
     """Fit the best to convergence, refine their last effects, and rank all of them.
 
     The law of the best is tried at its other ports, too, from its fit and from the base: the
-    search from its own start there may have ended in a local minimum. A lag or a mode behind
-    which the output moves slowly must leave less than all others: what it changes at high
-    frequencies weighs much in the BIC, and shows nothing.
+    search from its own start there may have ended in a local minimum. A lag or a mode of a plant
+    that integrates must leave less than all others: what it changes at high frequencies weighs
+    much in the BIC, and hardly moves the output.
 
     Args:
         base: the fit without the effect.
@@ -242,7 +241,7 @@ def finish(base: Fit, ranked: Sequence[Fit], parts: Sequence[Part],
             if is_distinguishable(fit, parts)]
     if fits and _drifts(fits[0]) and not _goes_with_time(fits[0], parts):
         fits = [fit for fit in fits if not _drifts(fit)]
-    if fits and _moves_slowly(base.candidate, parts) and not _adds_dynamics(fits[0].candidate):
+    if fits and _is_slow(base.candidate, parts) and not _adds_dynamics(fits[0].candidate):
         fits = [fit for fit in fits if not _adds_dynamics(fit.candidate)]
     if not fits:
         return []
