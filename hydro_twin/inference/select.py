@@ -113,10 +113,13 @@ def fit_alternatives(base: Fit, parts: Sequence[Part], times: tuple[float, float
     """Fit a base with one effect more, for each effect and port; best first.
 
     A low score does not rule an effect out: the parameters may imitate it at the base's values,
-    but not at those of the full fit. An effect that hides in this way is always fitted, but for a
-    lag or a mode of a plant that integrates, where what is left may be noise. And a
+    but not at those of the full fit. An effect that hides in this way is always fitted. And a
     strong effect biases the linear fit so much that no search leads on from there. So a first
     round also starts from the middle of the box and from the fit by the one-step error.
+
+    What a lag or a mode of a plant that integrates changes at high frequencies weighs much in the
+    BIC, and hardly moves the output. So they are fitted apart, and count where they leave nothing
+    but noise.
 
     Args:
         base: the fit without the effect.
@@ -133,17 +136,25 @@ def fit_alternatives(base: Fit, parts: Sequence[Part], times: tuple[float, float
     hiding = [with_effect(base.candidate, Placed(effect, port, tuple(values)))
               for effect, port in places(base.candidate.plant, base.candidate.effects)
               if effect.hides for values in effect.starts(reach[port])[:1]]
-    no_dynamics = _is_slow(base.candidate, parts) and not cannot_be_noise(base.by_part)
-    hiding = [one for one in hiding if not (no_dynamics and _adds_dynamics(one))]
-    if not afresh and nothing_shows(base, prospects, hiding, parts):
+    slow = _is_slow(base.candidate, parts)
+    if not afresh and nothing_shows(
+            base, prospects, [one for one in hiding if not (slow and _adds_dynamics(one))], parts):
         return []
     near = [*(with_effect(base.candidate, placed) for placed in shortlist(prospects, most)),
             *hiding]
     plain = [*known, *drift_starts(base, parts, times)]
     if afresh:
         plain += nearest(linear_starts(base.candidate, parts), parts)
-    tried = [one for one in (*plain, *near) if not (no_dynamics and _adds_dynamics(one))]
-    return finish(base, race(tried, parts, progress), parts, most_error)
+    tried = [*plain, *near]
+    apart = [one for one in tried if slow and _adds_dynamics(one)]
+    found = finish(base, race([one for one in tried if one not in apart], parts, progress), parts,
+                   most_error)
+    if apart and (cannot_be_noise(base.by_part)
+                  or any(one.placed.effect.dynamic for one in found[:1])):
+        dynamics = finish(base, race(apart, parts, progress), parts, most_error)
+        if dynamics and not cannot_be_noise(dynamics[0].fit.by_part):
+            return best_by_criterion([one.fit for one in (*found, *dynamics)])
+    return found
 
 
 def _is_slow(candidate: Model, parts: Sequence[Part]) -> bool:
@@ -217,9 +228,7 @@ def finish(base: Fit, ranked: Sequence[Fit], parts: Sequence[Part],
     """Fit the best to convergence, refine their last effects, and rank all of them.
 
     The law of the best is tried at its other ports, too, from its fit and from the base: the
-    search from its own start there may have ended in a local minimum. A lag or a mode of a plant
-    that integrates must leave less than all others: what it changes at high frequencies weighs
-    much in the BIC, and hardly moves the output.
+    search from its own start there may have ended in a local minimum.
 
     Args:
         base: the fit without the effect.
@@ -241,10 +250,11 @@ def finish(base: Fit, ranked: Sequence[Fit], parts: Sequence[Part],
             if is_distinguishable(fit, parts)]
     if fits and _drifts(fits[0]) and not _goes_with_time(fits[0], parts):
         fits = [fit for fit in fits if not _drifts(fit)]
-    if fits and _is_slow(base.candidate, parts) and not _adds_dynamics(fits[0].candidate):
-        fits = [fit for fit in fits if not _adds_dynamics(fit.candidate)]
-    if not fits:
-        return []
+    return best_by_criterion(fits) if fits else []
+
+
+def best_by_criterion(fits: Sequence[Fit]) -> list[Alternative]:
+    """Rank fits by their BIC, the best first."""
     scores = criterion(fits)
     order = np.argsort(scores, kind='stable')
     return simplest_first([Alternative(fits[k]) for k in order], [scores[k] for k in order])
