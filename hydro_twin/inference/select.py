@@ -118,8 +118,8 @@ def fit_alternatives(base: Fit, parts: Sequence[Part], times: tuple[float, float
     round also starts from the middle of the box and from the fit by the one-step error.
 
     What a lag or a mode of a plant that integrates changes at high frequencies weighs much in the
-    BIC, and hardly moves the output. So they are fitted apart, and count where they leave nothing
-    but noise.
+    BIC, and hardly moves the output. So they are fitted apart, and one is chosen only where it
+    leaves nothing but noise; else they are rivals of a delay.
 
     Args:
         base: the fit without the effect.
@@ -149,12 +149,13 @@ def fit_alternatives(base: Fit, parts: Sequence[Part], times: tuple[float, float
     apart = [one for one in tried if slow and _adds_dynamics(one)]
     found = finish(base, race([one for one in tried if one not in apart], parts, progress), parts,
                    most_error)
-    if apart and (cannot_be_noise(base.by_part)
-                  or any(one.placed.effect.dynamic for one in found[:1])):
-        dynamics = finish(base, race(apart, parts, progress), parts, most_error)
-        if dynamics and not cannot_be_noise(dynamics[0].fit.by_part):
-            return best_by_criterion([one.fit for one in (*found, *dynamics)])
-    return found
+    delayed = any(one.placed.effect.dynamic for one in found[:1])
+    if not apart or not (delayed or cannot_be_noise(base.by_part)):
+        return found
+    dynamics = finish(base, race(apart, parts, progress), parts, most_error)
+    if dynamics and not cannot_be_noise(dynamics[0].fit.by_part):
+        return best_by_criterion([one.fit for one in (*found, *dynamics)])
+    return [*found[:1], *dynamics, *found[1:]] if delayed else found
 
 
 def _is_slow(candidate: Model, parts: Sequence[Part]) -> bool:
