@@ -20,7 +20,7 @@ DOUBTFUL = 0.15         # ... where one did
 POOR = 0.65             # ... and where much is left that cannot be noise
 # Share on which an effect showed although nothing was found, and none although something was left.
 MISSED = 0.15
-UNSEEN = 0.5            # the first, where more is left than noise of a short memory
+MISSED_COLOURED = 0.5   # the first, where more is left than noise of a short memory
 MISTAKEN = 0.02
 
 
@@ -61,7 +61,7 @@ def of_verdict(verdict: VerdictKind, effects: Sequence[NamedEffect], much: bool
         much: whether more is left than white noise, or noise of a short memory.
     """
     if verdict == 'nothing_missing':
-        missed = UNSEEN if much else MISSED
+        missed = MISSED_COLOURED if much else MISSED
         return 1.0 - missed, missed
     if verdict == 'unexplained':
         return MISTAKEN, 1.0 - MISTAKEN

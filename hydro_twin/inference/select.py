@@ -136,19 +136,15 @@ def fit_alternatives(base: Fit, parts: Sequence[Part], times: tuple[float, float
     hiding = [with_effect(base.candidate, Placed(effect, port, tuple(values)))
               for effect, port in places(base.candidate.plant, base.candidate.effects)
               if effect.hides for values in effect.starts(reach[port])[:1]]
-    slow = _is_slow(base.candidate, parts)
-    if not afresh and nothing_shows(
-            base, prospects, [one for one in hiding if not (slow and _adds_dynamics(one))], parts):
+    if not afresh and nothing_shows(base, prospects, _divided(hiding, parts)[0], parts):
         return []
     near = [*(with_effect(base.candidate, placed) for placed in shortlist(prospects, most)),
             *hiding]
     plain = [*known, *drift_starts(base, parts, times)]
     if afresh:
         plain += nearest(linear_starts(base.candidate, parts), parts)
-    tried = [*plain, *near]
-    apart = [one for one in tried if slow and _adds_dynamics(one)]
-    found = finish(base, race([one for one in tried if one not in apart], parts, progress), parts,
-                   most_error)
+    tried, apart = _divided([*plain, *near], parts)
+    found = finish(base, race(tried, parts, progress), parts, most_error)
     delayed = any(one.placed.effect.dynamic for one in found[:1])
     if not apart or not (delayed or cannot_be_noise(base.by_part)):
         return found
@@ -158,18 +154,20 @@ def fit_alternatives(base: Fit, parts: Sequence[Part], times: tuple[float, float
     return [*found[:1], *dynamics, *found[1:]] if delayed else found
 
 
-def _is_slow(candidate: Model, parts: Sequence[Part]) -> bool:
-    """Whether the output hardly moves at the frequencies where a lag, a mode and a delay differ.
+def _divided(candidates: Sequence[Model], parts: Sequence[Part]
+             ) -> tuple[list[Model], list[Model]]:
+    """Divide candidates into those to be fitted together, and the lags and modes fitted apart.
 
-    As that of a plant that integrates; where it is whitened, these frequencies count.
+    These are apart where a plant integrates: its output hardly moves at the frequencies where a
+    lag, a mode and a delay differ. Where it is whitened, these frequencies count.
     """
-    return candidate.plant.integrates and not parts[0].filters
-
-
-def _adds_dynamics(candidate: Model) -> bool:
-    """Whether the last effect is a lag or a mode."""
-    effect = candidate.effects[-1].effect
-    return effect.dynamic and effect.law is not None
+    together: list[Model] = []
+    apart: list[Model] = []
+    for one in candidates:
+        effect = one.effects[-1].effect
+        slow = one.plant.integrates and not parts[0].filters
+        (apart if slow and effect.dynamic and effect.law is not None else together).append(one)
+    return together, apart
 
 
 def race(candidates: Sequence[Model], parts: Sequence[Part],
