@@ -81,13 +81,13 @@ def without_start(missed: FloatArray, by_start: FloatArray, usual: FloatArray, s
     early, late = every[:start_up], every[start_up:]
     with np.errstate(over='ignore', invalid='ignore'):      # such a run is left as it is, below
         first, later = early.T @ early, late.T @ late
-        powers = np.diag(first) / max(len(early), 1), np.diag(later) / max(len(late), 1)
+        powers = first.diagonal() / max(len(early), 1), later.diagonal() / max(len(late), 1)
         if weight is None:
             begins, goes_on = float(powers[0][count]), float(powers[1][count])
             ratio = goes_on / max(begins, 1e-12 * goes_on, 1e-300)
             weight = max(ratio, 1.0) if math.isfinite(ratio) else 1.0
         shown = np.sqrt(powers[0][:count])
-        at_all = np.sqrt((np.diag(first) + np.diag(later))[:count] / len(every))
+        at_all = np.sqrt((first.diagonal() + later.diagonal())[:count] / len(every))
         at_all[:len(usual)][at_all[:len(usual)] < HIDDEN * usual] = 0.0
         shown = np.where(shown > 1e-6 * at_all, shown, at_all)
         per = np.divide(1.0, shown, out=np.zeros(count), where=at_all > 0.0)
@@ -96,7 +96,7 @@ def without_start(missed: FloatArray, by_start: FloatArray, usual: FloatArray, s
     moves = np.zeros((count, every.shape[1] - count))
     if np.isfinite(first).all() and np.isfinite(later).all():
         # Relative, too: where the first samples weigh most, they may not show every state.
-        normal += (1e-4 + 1e-12 * np.trace(normal)) * np.eye(count)
+        normal.flat[::count + 1] += 1e-4 + 1e-12 * normal.trace()
         room = np.zeros((0, 2)) if room is None else room * np.where(
             at_all > 0.0, shown, 0.0)[len(usual):, None]
         moves = per[:, None] * _within(normal, per[:, None] * both[:count, count:], room)
