@@ -13,7 +13,7 @@ from hydro_twin.plants.plant import FloatArray
 from hydro_twin.predictors.scores import rms
 from hydro_twin.predictors.sensitivities import run_parts_with_slopes
 from hydro_twin.predictors.system import System
-from hydro_twin.predictors.tangents import Directions, NONE, Tangent, tangent_of
+from hydro_twin.predictors.tangents import Directions, NONE, Tangent, tangents_of
 
 
 def initial_states(model: Model, parts: Sequence[Part], near: Sequence[Start] = ()
@@ -84,7 +84,7 @@ def fitted_residuals(model: Model, parts: Sequence[Part]) -> list[FloatArray]:
     See `without_start`. What is not fitted has only its first samples to go by.
     """
     starts, usual = initial_states(model, parts), usual_response(model)
-    tangents = [tangent_of(stage, NONE) for stage in model.system.stages]
+    tangents = tangents_of(model.system, lambda _: NONE)
     runs = run_with_slopes(model.system, NONE, tangents, parts, starts)
     return [without_start(part.whitened(part.measured - y[0]), part.whitened(slopes[0]), usual,
                           model.start_up, room=start.room).residual

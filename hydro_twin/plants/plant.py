@@ -2,7 +2,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field, fields, replace
 from typing import Any
 
 import numpy as np
@@ -122,6 +122,10 @@ class Laws:
     def D(self) -> FloatArray:
         """Output row for the inputs, shape (1, m)."""
         return self.port_u[-1:]
+
+    def of(self, k: int) -> Laws:
+        """Return those of one set of parameters, of laws that were written for several."""
+        return Laws(*(getattr(self, block.name)[k] for block in fields(self)))
 
 
 @dataclass(frozen=True)

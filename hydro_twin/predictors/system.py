@@ -1,10 +1,9 @@
 """A plant with effects and values for everything, discretised: what the kernel runs."""
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
-from itertools import pairwise
 import math
 from typing import Any
 
@@ -227,24 +226,43 @@ def assemble(plant: Plant, values: Mapping[str, float], effects: Sequence[Placed
         timing: how late inputs act [s], by name, besides what a delay among the effects adds.
         interpolation: of commands between samples, `HOLD` or `LINEAR`.
     """
-    def at(time: float) -> System:
-        return _assemble(plant, drifted(values, effects, time), effects,
-                         sample_time or plant.sample_time, substeps, timing or {}, interpolation,
-                         time)
-
+    T = sample_time or plant.sample_time
+    now = _assemble(plant, drifted(values, effects, math.inf), effects, T, substeps, timing or {},
+                    interpolation)
     courses = [(course, placed.values) for placed in effects
                if (course := placed.effect.course) is not None]
     if not courses:
-        return at(math.inf)
+        return now
     begins, ends = zip(*(course.span(drift) for course, drift in courses), strict=True)
     change = sum(abs(math.log(course.factor(drift, begin)))
                  for (course, drift), begin in zip(courses, begins, strict=True))
     # A power of two, so that the number seldom changes while a rate is searched.
     stages = min(STAGES, 2 ** max(0, math.ceil(math.log2(max(change, STAGE) / STAGE))))
     edges = np.linspace(min(begins), max(ends), stages + 1)
-    earlier = tuple((round(1e9 * end), at(0.5 * (begin + end)))
-                    for begin, end in pairwise(edges.tolist()))
-    return replace(at(math.inf), earlier=earlier)
+    times = (0.5 * (edges[:-1] + edges[1:])).tolist()
+    then = _at_times(now, times, [drifted(values, effects, time) for time in times],
+                     {placed.port.name for placed in effects if placed.effect.course is not None})
+    return replace(now, earlier=tuple(
+        (round(1e9 * end), system) for end, system in zip(edges[1:].tolist(), then, strict=True)))
+
+
+def _at_times(now: System, times: Sequence[float], each: Sequence[Mapping[str, float]],
+              drifting: Collection[str]) -> Iterator[System]:
+    """Yield a system as it was at some times [s].
+
+    Args:
+        now: the system as it is.
+        times: in question.
+        each: the values at each of them.
+        drifting: names of those that differ.
+    """
+    several: Mapping[str, Any] = {**now.values, **{
+        name: np.array([[values[name]] for values in each]) for name in drifting}}
+    laws = now.plant.laws(several)
+    M, H = discretise(laws, now.step.sample_time / now.step.substeps), port_rows(laws)
+    for k, (time, values) in enumerate(zip(times, each, strict=True)):
+        yield replace(now, laws=laws.of(k), step=now.step._replace(M=M[k], H=H[k]),
+                      values=values, time=time)
 
 
 def drifted(values: Mapping[str, float], effects: Sequence[Placed], time: float
@@ -258,8 +276,7 @@ def drifted(values: Mapping[str, float], effects: Sequence[Placed], time: float
 
 
 def _assemble(plant: Plant, values: Mapping[str, float], effects: Sequence[Placed], T: float,
-              substeps: int, timing: Mapping[str, float], interpolation: str, time: float
-              ) -> System:
+              substeps: int, timing: Mapping[str, float], interpolation: str) -> System:
     """Make a system of parameters that do not change."""
     laws = plant.laws(values)
     late = np.array([timing.get(signal.name, 0.0) for signal in plant.inputs]) / T
@@ -295,7 +312,7 @@ def _assemble(plant: Plant, values: Mapping[str, float], effects: Sequence[Place
     return System(plant=plant, laws=laws, step=step, memory=memory + len(entries),
                   placed=tuple(at_port),
                   begins=tuple(begin.get(id(placed), -1) for placed in effects),
-                  values=values, time=time)
+                  values=values)
 
 
 def port_rows(laws: Laws) -> FloatArray:

@@ -1,8 +1,8 @@
 """How a step follows unknowns: derivatives of its matrices, and which column is which unknown."""
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
 from itertools import pairwise
 import math
 from typing import Any, NamedTuple
@@ -101,24 +101,25 @@ class Directions:
 NONE = Directions()
 
 
-Moves = Mapping[str, FloatArray]        # parameter -> derivative of [M; H], padded
+def moves_of(system: System, names: Sequence[str]) -> FloatArray:
+    """Differentiate M and H, one above the other, by parameters, each in its own unit, (Q, ...).
 
-
-def moves_of(system: System, names: Iterable[str]) -> Moves:
-    """Differentiate M and H, one above the other, by parameters, each in its own unit."""
-    step, every = system.step, list(names)
-    if not every:
-        return {}
-    units = COMPLEX_STEP * np.array([system.values[name] for name in every])
+    The rows of H are padded to the width of M.
+    """
+    step = system.step
+    found = np.zeros((len(names), len(step.M) + len(step.H), step.M.shape[1]))
+    if not names:
+        return found
+    units = COMPLEX_STEP * np.array([system.values[name] for name in names])
     beside: Mapping[str, Any] = {**system.values, **{
         name: system.values[name] + 1j * (units * row)[:, None]
-        for name, row in zip(every, np.eye(len(every)), strict=True)}}
+        for name, row in zip(names, np.eye(len(names)), strict=True)}}
     laws = system.plant.laws(beside)
     M, H = discretise(laws, step.sample_time / step.substeps), port_rows(laws)
-    found = np.zeros((len(every), M.shape[1] + H.shape[1], M.shape[2]))
-    found[:, :M.shape[1]] = M.imag
-    found[:, M.shape[1]:, :H.shape[2]] = H.imag
-    return dict(zip(every, found / units[:, None, None], strict=True))
+    found[:, :len(step.M)] = M.imag
+    found[:, len(step.M):, :H.shape[2]] = H.imag
+    found /= units[:, None, None]
+    return found
 
 
 def tangents_of(system: System, by: Callable[[System], Directions]) -> list[Tangent]:
@@ -129,56 +130,69 @@ def tangents_of(system: System, by: Callable[[System], Directions]) -> list[Tang
 
     Args:
         system: what is run.
-        by: the unknowns at a stage.
+        by: the unknowns at a stage: at all the same, each worth what it is there.
     """
     stages, directions = system.stages, [by(stage) for stage in system.stages]
-    names = dict.fromkeys(name for name, _ in directions[-1].plant)
+    order = [name for name, _ in directions[-1].plant]
+    names = list(dict.fromkeys(order))
     way = np.cumsum([0.0, *(max(abs(math.log(then / now)) for now, then in zip(
         before.values.values(), after.values.values(), strict=True))
         for before, after in pairwise(stages))])
     count = min(NODES, 2 + int(way[-1] / APART))
     nodes = np.unique(np.searchsorted(way, np.linspace(0.0, way[-1], count)))
-    moves = [moves_of(stages[k], names) for k in nodes]
     shares = np.column_stack([np.interp(way, way[nodes], row) for row in np.eye(len(nodes))])
-    return [tangent_of(stage, some, {
-        name: sum(share * at[name] for share, at in zip(row, moves, strict=True) if share)
-        for name in names}) for stage, some, row in zip(stages, directions, shares, strict=True)]
+    moves = np.tensordot(shares, np.stack([moves_of(stages[k], names) for k in nodes]), 1)
+    worth = np.array([[value for _, value in some.plant] for some in directions])
+    return _tangents(stages, directions[-1], worth[..., None, None] * moves[
+        :, [names.index(name) for name in order]])
 
 
-def tangent_of(system: System, by: Directions, moves: Moves | None = None) -> Tangent:
+def tangent_of(system: System, by: Directions) -> Tangent:
     """Differentiate the matrices of a step, with columns for the state at the start.
 
     Args:
         system: what is run.
         by: the unknowns; the columns are those of the plant, of the effects, of the timing.
-        moves: what the parameters do to the matrices, if that is known.
     """
-    step, starts = system.step, len(system.laws.A) + len(lasting(system))
-    Q, D = len(by.plant), by.count + starts
-    dM, dH = np.zeros((*step.M.shape, D)), np.zeros((*step.H.shape, D))
-    if moves is None:
-        moves = moves_of(system, dict.fromkeys(name for name, _ in by.plant))
-    for q, (name, worth) in enumerate(by.plant):
-        dM[..., q] = worth * moves[name][:len(step.M)]
-        dH[..., q] = worth * moves[name][len(step.M):, :step.H.shape[1]]
+    return tangents_of(replace(system, earlier=()), lambda _: by)[0]
+
+
+def _tangents(stages: Sequence[System], by: Directions, moves: FloatArray) -> list[Tangent]:
+    """Put together the tangents of stages.
+
+    Args:
+        stages: K systems that differ by parameters only.
+        by: the unknowns; of the plant they are worth what the moves say.
+        moves: derivatives of M and H, one above the other, by Q of the plant, (K, Q, ...).
+    """
+    step, n = stages[-1].step, len(stages[-1].laws.A)
+    K, Q, D = len(stages), len(by.plant), by.count + n + len(lasting(stages[-1]))
+    dM, dH = np.zeros((K, *step.M.shape, D)), np.zeros((K, *step.H.shape, D))
+    rows = np.moveaxis(moves, 1, -1)
+    dM[..., :Q], dH[..., :Q] = rows[:, :len(step.M)], rows[:, len(step.M):, :step.H.shape[1]]
     p, shift = np.zeros((len(step.p), D)), np.zeros((len(step.shift), D))
     for q, (index, worth) in enumerate(by.p):
         p[index, Q + q] = worth
     at = Q + len(by.p)
     shift[:, at:by.count] = np.reshape(np.asarray(by.shift, dtype=np.float64),
                                        (by.count - at, len(shift))).T
-    n, m, P = len(system.laws.A), len(step.shift), len(system.plant.ports)
-    compliance, rises = np.zeros(len(step.effects)), np.zeros((len(step.effects), D))
+    m, P = len(step.shift), len(stages[-1].plant.ports)
+    compliance, rises = np.zeros((K, len(step.effects))), np.zeros((K, len(step.effects), D))
+    M, H = (np.stack([getattr(stage.step, name) for stage in stages]) for name in 'MH')
     for e, effect in enumerate(step.effects):
         if effect['implicit']:
-            begin = n + 2 * m + effect['port']
-            row, both = step.H[effect['signal_0'], :n], step.M[:, [begin, begin + P]].sum(axis=1)
-            compliance[e] = row @ both
-            rises[e] = (both @ dH[effect['signal_0'], :n]
-                        + row @ dM[:, [begin, begin + P]].sum(axis=1))
-    rows = np.concatenate([dM.reshape(-1, D), dH.reshape(-1, D), p, shift, rises])
-    return Tangent(in_rows(rows), dH.any(axis=2), np.flatnonzero(shift.any(axis=1)), compliance,
-                   bool(dM.any()), -1)
+            begin, signal = n + 2 * m + effect['port'], effect['signal_0']
+            row, both = H[:, signal, :n], M[..., [begin, begin + P]].sum(axis=2)
+            moved = dM[:, :, [begin, begin + P]].sum(axis=2)
+            compliance[:, e] = np.einsum('ki,ki->k', row, both)
+            rises[:, e] = (np.einsum('ki,kid->kd', both, dH[:, signal, :n])
+                           + np.einsum('ki,kid->kd', row, moved))
+    shifts = np.flatnonzero(shift.any(axis=1))
+    every = np.concatenate([
+        dM.reshape(K, -1, D), dH.reshape(K, -1, D),
+        np.broadcast_to(np.concatenate([p, shift]), (K, len(p) + len(shift), D)), rises], axis=1)
+    return [Tangent(in_rows(every[k]), dH[k].any(axis=2), shifts, compliance[k],
+                    bool(dM[k].any()), -1) for k in range(K)]
 
 
 def lasting(system: System) -> npt.NDArray[np.int64]:
