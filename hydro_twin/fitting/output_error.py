@@ -10,7 +10,6 @@ from hydro_twin.fitting.parts import Part
 from hydro_twin.fitting.start import Start, without_start
 from hydro_twin.model import Model
 from hydro_twin.plants.plant import FloatArray
-from hydro_twin.predictors.scores import rms
 from hydro_twin.predictors.sensitivities import run_parts_with_slopes
 from hydro_twin.predictors.system import System
 from hydro_twin.predictors.tangents import Directions, NONE, Tangent, tangents_of
@@ -38,12 +37,6 @@ def initial_states(model: Model, parts: Sequence[Part], near: Sequence[Start] = 
             [max(1e-3 * parts[k].size, 1e-12) for k in here],
             [near[k] if near else None for k in here]), strict=True)
     return [found[k] for k in range(len(parts))]
-
-
-def missed_at_start(model: Model, part: Part, y: FloatArray) -> float:
-    """RMS of what a run misses of the samples of a part that show the state at its start."""
-    shown = part.beginning(model.start_up)
-    return rms(part.measured[:shown] - y[:shown])
 
 
 def run_with_slopes(system: System, by: Directions, tangents: Sequence[Tangent],

@@ -12,7 +12,6 @@ from scipy.optimize import least_squares, lsq_linear
 from hydro_twin.fitting.fit import Fit
 from hydro_twin.fitting.output_error import (
     initial_states,
-    missed_at_start,
     run_with_slopes,
     usual_response,
 )
@@ -182,32 +181,31 @@ class Problem:
         scales = self.size / self.pieces.sizes if scales is None else scales
 
         def run_from(indices: Sequence[int], starts: Sequence[Start],
-                     weights: Sequence[float | None]) -> list[tuple[Eliminated, FloatArray]]:
-            """Run over some parts, and eliminate the states at their starts; also the outputs."""
+                     weights: Sequence[float | None]) -> list[Eliminated]:
+            """Run over some parts, and eliminate the states at their starts."""
             runs = run_with_slopes(candidate.system, by, tangents,
                                    [self.parts[k] for k in indices], starts, self.sensors)
             found = []
-            for k, (y, slopes), start, weight in zip(indices, runs, starts, weights, strict=True):
-                missed, rows = self.missed(k, y, slopes, scales)
-                found.append((without_start(
-                    missed, rows[:, by.count:], usual, self.stacks[k].first, rows[:, :by.count],
-                    weight, start.room), y[0]))
+            for k, run, start, weight in zip(indices, runs, starts, weights, strict=True):
+                missed, rows = self.missed(k, *run, scales)
+                found.append(without_start(missed, rows[:, by.count:], usual,
+                                           self.stacks[k].first, rows[:, :by.count], weight,
+                                           start.room))
             return found
 
         starts = initial_states(candidate, self.parts, near)
         every = range(len(starts))
-        runs = [run for run, _ in run_from(every, starts, weights or [None] * len(starts))]
+        runs = run_from(every, starts, weights or [None] * len(starts))
         moved = [k for k in every if runs[k].taken > SMALL * rms(runs[k].residual)]
         if moved:
             # The derivatives belong to runs from where elimination moves the starts.
             there = [starts[k].moved(runs[k].change) for k in moved]
             again = run_from(moved, there, [runs[k].weight for k in moved])
-            for k, start, (run, y) in zip(moved, there, again, strict=True):
+            for k, start, run in zip(moved, there, again, strict=True):
                 if np.isfinite(run.slopes).all():
                     runs[k] = runs[k]._replace(slopes=run.slopes)
                     if rms(run.residual) < AS_GOOD * rms(runs[k].residual):
-                        missed = missed_at_start(candidate, self.parts[k], y)
-                        starts[k] = start._replace(missed=missed)
+                        starts[k] = start
         return Evaluation(
             coordinates, np.concatenate([run.residual for run in runs]),
             np.concatenate([run.slopes for run in runs])[:, np.argsort(order)],

@@ -4,13 +4,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from hydro_twin.fitting import beginnings
 from hydro_twin.fitting.parts import Part
 from hydro_twin.fitting.problem import CONVERGED, Problem
 from hydro_twin.fitting.unknowns import effect_unknowns, plant_unknowns
 from hydro_twin.model import Model, place
 from hydro_twin.plants import plant_named
-from hydro_twin.predictors.scores import rms
 
 PLANT = plant_named('valve_servo')
 VALUES = {**PLANT.constant_values(), **PLANT.middle()}
@@ -77,26 +75,3 @@ def test_a_search_ends_where_no_step_is_better(monkeypatch):
     to_the_end, more = found()
     assert count < more
     assert power == pytest.approx(to_the_end, rel=1e-3)
-
-
-def test_a_start_that_elimination_moved_is_not_searched_anew(monkeypatch):
-    """It misses the first samples by more than one that was searched for them, and may do so."""
-    plant = plant_named('cylinder')
-    rng = np.random.default_rng(3)
-    commands = np.repeat(rng.uniform(-1.0, 1.0, (4, 20)), 40, axis=1)[..., None]
-    model = Model(plant, {**plant.constant_values(), **plant.middle()}, 0.01,
-                  (place('dead_zone', 'command', {'width': 0.2}, plant),))
-    parts = [Part(u, model.system.run(u, np.zeros(plant.order))
-                  + 1e-4 * rng.standard_normal(len(u))) for u in commands]
-    problem = Problem(replace(model, effects=()), plant_unknowns(plant, 'physical'), parts)
-    here = problem.begin()
-    for part, start in zip(parts, here.starts, strict=True):
-        run = problem.base.system.run(part.inputs, start.x, start.z)
-        shown = part.beginning(problem.base.start_up)
-        assert rms(part.measured[:shown] - run[:shown]) == pytest.approx(start.missed, rel=1e-6)
-    searched, states = [], beginnings._Search.states
-    monkeypatch.setattr(beginnings._Search, 'states',
-                        lambda self: searched.append(len(self.every)) or states(self))
-    again = problem.at(here.coordinates, here.weights, here.scales, here.starts)
-    assert not searched
-    assert again.power == pytest.approx(here.power, rel=1e-3)
