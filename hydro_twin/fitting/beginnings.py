@@ -85,10 +85,11 @@ class _Search:
         longest = int(lengths.max())
         self.system, self.tangent = system, tangent_of(system, NONE)
         response = system.free_response(longest)
-        self.inputs = np.stack([np.pad(one, ((0, longest - len(one)), (0, 0)), mode='edge')
-                                for one in inputs])
-        self.own = np.arange(longest) < lengths[:, None]
-        self.measured = np.stack([np.pad(one, (0, longest - len(one))) for one in measured])
+        every = np.arange(longest)
+        self.own = every < lengths[:, None]
+        self.inputs, self.measured = (
+            np.stack([one[np.minimum(every, len(one) - 1)] for one in some])
+            for some in (inputs, measured))
         self.sizes, self.every = sizes, np.arange(len(sizes))
         rest = np.stack([system.start(one[0], y[0])
                          for one, y in zip(inputs, measured, strict=True)])

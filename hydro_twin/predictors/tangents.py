@@ -2,7 +2,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from itertools import pairwise
 import math
 from typing import Any, NamedTuple
@@ -107,15 +107,13 @@ def moves_of(system: System, names: Sequence[str]) -> FloatArray:
     The rows of H are padded to the width of M.
     """
     step = system.step
-    found = np.zeros((len(names), len(step.M) + len(step.H), step.M.shape[1]))
-    if not names:
-        return found
     units = COMPLEX_STEP * np.array([system.values[name] for name in names])
     beside: Mapping[str, Any] = {**system.values, **{
         name: system.values[name] + 1j * (units * row)[:, None]
         for name, row in zip(names, np.eye(len(names)), strict=True)}}
     laws = system.plant.laws(beside)
     M, H = discretise(laws, step.sample_time / step.substeps), port_rows(laws)
+    found = np.zeros((len(names), len(step.M) + len(step.H), step.M.shape[1]))
     found[:, :len(step.M)] = M.imag
     found[:, len(step.M):, :H.shape[2]] = H.imag
     found /= units[:, None, None]
@@ -125,26 +123,12 @@ def moves_of(system: System, names: Sequence[str]) -> FloatArray:
 def tangents_of(system: System, by: Callable[[System], Directions]) -> list[Tangent]:
     """Differentiate the step of every stage of a system.
 
-    The matrices go smoothly with a parameter that drifts, so that their derivatives are taken at
-    up to `NODES` of its values and interpolated.
-
     Args:
         system: what is run.
         by: the unknowns at a stage: at all the same, each worth what it is there.
     """
-    stages, directions = system.stages, [by(stage) for stage in system.stages]
-    order = [name for name, _ in directions[-1].plant]
-    names = list(dict.fromkeys(order))
-    way = np.cumsum([0.0, *(max(abs(math.log(then / now)) for now, then in zip(
-        before.values.values(), after.values.values(), strict=True))
-        for before, after in pairwise(stages))])
-    count = min(NODES, 2 + int(way[-1] / APART))
-    nodes = np.unique(np.searchsorted(way, np.linspace(0.0, way[-1], count)))
-    shares = np.column_stack([np.interp(way, way[nodes], row) for row in np.eye(len(nodes))])
-    moves = np.tensordot(shares, np.stack([moves_of(stages[k], names) for k in nodes]), 1)
-    worth = np.array([[value for _, value in some.plant] for some in directions])
-    return _tangents(stages, directions[-1], worth[..., None, None] * moves[
-        :, [names.index(name) for name in order]])
+    stages = system.stages
+    return _tangents(stages, [by(stage) for stage in stages])
 
 
 def tangent_of(system: System, by: Directions) -> Tangent:
@@ -154,22 +138,45 @@ def tangent_of(system: System, by: Directions) -> Tangent:
         system: what is run.
         by: the unknowns; the columns are those of the plant, of the effects, of the timing.
     """
-    return tangents_of(replace(system, earlier=()), lambda _: by)[0]
+    return _tangents([system], [by])[0]
 
 
-def _tangents(stages: Sequence[System], by: Directions, moves: FloatArray) -> list[Tangent]:
-    """Put together the tangents of stages.
+def _moves_at(stages: Sequence[System], names: Sequence[str]) -> FloatArray:
+    """Differentiate M and H of K stages, see `moves_of`, (K, Q, ...).
+
+    The matrices go smoothly with a parameter that drifts, so that their derivatives are taken at
+    up to `NODES` of its values and interpolated.
+    """
+    if len(stages) == 1:
+        return moves_of(stages[0], names)[None]
+    way = np.cumsum([0.0, *(max(abs(math.log(then / now)) for now, then in zip(
+        before.values.values(), after.values.values(), strict=True))
+        for before, after in pairwise(stages))])
+    count = min(NODES, 2 + int(way[-1] / APART))
+    nodes = np.unique(np.searchsorted(way, np.linspace(0.0, way[-1], count)))
+    shares = np.column_stack([np.interp(way, way[nodes], row) for row in np.eye(len(nodes))])
+    found: FloatArray = np.tensordot(
+        shares, np.stack([moves_of(stages[k], names) for k in nodes]), 1)
+    return found
+
+
+def _tangents(stages: Sequence[System], directions: Sequence[Directions]) -> list[Tangent]:
+    """Differentiate the steps of K systems that differ by parameters only.
 
     Args:
-        stages: K systems that differ by parameters only.
-        by: the unknowns; of the plant they are worth what the moves say.
-        moves: derivatives of M and H, one above the other, by Q of the plant, (K, Q, ...).
+        stages: the systems.
+        directions: the unknowns at each; only what those of the plant are worth may differ.
     """
-    step, n = stages[-1].step, len(stages[-1].laws.A)
+    step, n, by = stages[-1].step, len(stages[-1].laws.A), directions[-1]
     K, Q, D = len(stages), len(by.plant), by.count + n + len(lasting(stages[-1]))
     dM, dH = np.zeros((K, *step.M.shape, D)), np.zeros((K, *step.H.shape, D))
-    rows = np.moveaxis(moves, 1, -1)
-    dM[..., :Q], dH[..., :Q] = rows[:, :len(step.M)], rows[:, len(step.M):, :step.H.shape[1]]
+    if Q:
+        order = [name for name, _ in by.plant]
+        names = list(dict.fromkeys(order))
+        worths = np.array([[value for _, value in some.plant] for some in directions])
+        rows = np.moveaxis(_moves_at(stages, names)[:, [names.index(name) for name in order]]
+                           * worths[..., None, None], 1, -1)
+        dM[..., :Q], dH[..., :Q] = rows[:, :len(step.M)], rows[:, len(step.M):, :step.H.shape[1]]
     p, shift = np.zeros((len(step.p), D)), np.zeros((len(step.shift), D))
     for q, (index, worth) in enumerate(by.p):
         p[index, Q + q] = worth
