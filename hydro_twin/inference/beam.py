@@ -2,7 +2,7 @@
 
 Two laws that act together may each explain less than a third that imitates them: a dead zone off
 its middle with a limit behind it looks like an offset. The greedy search takes the offset, and
-what is left then points elsewhere.
+what is left then points to other effects.
 """
 from __future__ import annotations
 

@@ -165,8 +165,9 @@ def _divided(candidates: Sequence[Model], parts: Sequence[Part]
     apart: list[Model] = []
     for one in candidates:
         effect = one.effects[-1].effect
-        slow = one.plant.integrates and not parts[0].filters
-        (apart if slow and effect.dynamic and effect.law is not None else together).append(one)
+        is_apart = (effect.dynamic and effect.law is not None and not parts[0].filters
+                    and one.plant.integrates)
+        (apart if is_apart else together).append(one)
     return together, apart
 
 

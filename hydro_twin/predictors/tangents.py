@@ -185,11 +185,11 @@ def _tangents(stages: Sequence[System], directions: Sequence[Directions]) -> lis
                                        (by.count - at, len(shift))).T
     m, P = len(step.shift), len(stages[-1].plant.ports)
     compliance, rises = np.zeros((K, len(step.effects))), np.zeros((K, len(step.effects), D))
-    M, H = (np.stack([getattr(stage.step, name) for stage in stages]) for name in 'MH')
     for e, effect in enumerate(step.effects):
         if effect['implicit']:
             begin, signal = n + 2 * m + effect['port'], effect['signal_0']
-            row, both = H[:, signal, :n], M[..., [begin, begin + P]].sum(axis=2)
+            row = np.stack([stage.step.H[signal, :n] for stage in stages])
+            both = np.stack([stage.step.M[:, [begin, begin + P]] for stage in stages]).sum(axis=2)
             moved = dM[:, :, [begin, begin + P]].sum(axis=2)
             compliance[:, e] = np.einsum('ki,ki->k', row, both)
             rises[:, e] = (np.einsum('ki,kid->kd', both, dH[:, signal, :n])
