@@ -8,6 +8,7 @@ import math
 import numpy as np
 
 from hydro_twin.effects import Placed
+from hydro_twin.errors import DataError
 from hydro_twin.fitting.equation_error import one_step_values
 from hydro_twin.fitting.fit import Fit
 from hydro_twin.fitting.output_error import residuals
@@ -20,6 +21,9 @@ from hydro_twin.predictors.scores import rms
 
 SUBSTEPS = 2            # steps in a sample of a search, which the last fits refine
 SHORT, KEPT = 10, 2     # evaluations of the search from each start, and starts that go on
+LITTLE = 0.5            # mean square that a fit of the right sign leaves, over that of the movement
+REVERSED = 0.2          # mean square that the right sign leaves over that of the wrong one; half and
+#                         more if a controller acts against disturbances
 GIVEN = 4               # steps in a sample with given effects: no search refines them later
 
 
@@ -62,3 +66,34 @@ def fit_linear(plant: Plant, parts: Sequence[Part], constants: Mapping[str, floa
     best = sorted(fits, key=lambda fit: fit.cost)[:KEPT]
     return min(solve_all([Problem(fit.candidate, unknowns, parts) for fit in best]),
                key=lambda fit: fit.cost)
+
+
+def refuse_reversed(fit: Fit, parts: Sequence[Part]) -> None:
+    """Refuse a recording in which the output moves against the command.
+
+    No parameter of a plant is below zero. So the best there is would be a gain of next to nothing,
+    and effects that make up for the sign.
+
+    Args:
+        fit: of the linear plant.
+        parts: what it was fitted to.
+
+    Raises:
+        DataError: the fit explains little, and that to the reversed command much more.
+    """
+    model, plant = fit.candidate, fit.candidate.plant
+    movement = rms(np.concatenate([part.measured - part.measured.mean() for part in parts]))
+    if fit.error**2 < LITTLE * movement**2:
+        return
+    command = plant.inputs[0].name
+    sign = np.array([-1.0, *[1.0] * (len(plant.inputs) - 1)])
+    searched = [parameter.name for parameter in plant.parameters]
+    constants = {name: value for name, value in model.values.items() if name not in searched}
+    other = fit_linear(plant, [replace(part, inputs=sign * part.inputs) for part in parts],
+                       constants, model.sample_time, effects=model.effects)
+    if other.error**2 < REVERSED * fit.error**2:
+        unit = plant.output.unit
+        raise DataError(
+            f'{plant.output.name} moves against {command}: the linear plant leaves '
+            f'{fit.error:.3g} {unit}, and {other.error:.3g} {unit} with the sign of {command} '
+            'reversed; is its scale of the wrong sign?')

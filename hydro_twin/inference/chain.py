@@ -1,7 +1,7 @@
 """The loop: effects added one after another, until nothing more earns its place."""
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Container, Iterator, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -59,20 +59,22 @@ RIVALS = 1.5            # error over that of the effect in place: what leaves mo
 #                         evaluations is no rival to it
 
 
-def grow(base: Fit, alternatives: Sequence[Alternative], context: Context) -> Chain:
+def grow(chain: Chain, alternatives: Sequence[Alternative], context: Context,
+         refuted: Container[str] = ()) -> Chain:
     """Add the best effect, then the best of each further round, while they are likely.
 
     Held-out data judge the whole model: beside a second effect that is still missing, the first
     may not improve them.
 
     Args:
-        base: the fit without any of the effects.
+        chain: what has been found before.
         alternatives: of the first round, best first.
         context: the data.
+        refuted: ids of effects that are not to be added.
     """
-    chain = Chain(base)
     seen: set[frozenset[str]] = set()
     for _ in range(ROUNDS):
+        alternatives = [one for one in alternatives if one.id not in refuted]
         if not alternatives or effects_of(chain.fit.candidate) in seen:
             break
         seen.add(effects_of(chain.fit.candidate))

@@ -131,7 +131,7 @@ def _grown(base: Fit, context: Context, known: Sequence[Model]
     """
     alternatives = fit_alternatives(base, context.parts, context.times, EVERY, True,
                                     context.progress, known)
-    grown = grow(base, alternatives, context)
+    grown = grow(Chain(base), alternatives, context)
     base = context.best(base)
     chain = settled(grown, base, context)
     return base, _supported(chain, base, context), alternatives

@@ -22,12 +22,14 @@ class Finding:
         p_value: of its likelihood ratio, corrected for all that was tried.
         share: of the mean square error without it that it removes.
         rivals: other effects in its place with their delta BIC, best first.
+        doubt: probability that it does not help on held-out data, where these do not prove it.
     """
 
     index: int
     p_value: float
     share: float
     rivals: tuple[tuple[Placed, float], ...]
+    doubt: float = 0.0
 
 
 @dataclass(frozen=True)

@@ -28,10 +28,22 @@ def improvement(before: Sequence[FloatArray], after: Sequence[FloatArray], seed:
     allows for their memory and for their likeness [Kuensch 1989]. A run that diverged counts as
     an error of `LIMIT` from there on.
     """
+    return _interval(*_relative(before, after, seed))
+
+
+def doubt(before: Sequence[FloatArray], after: Sequence[FloatArray], seed: int) -> float:
+    """Return the probability that the mean square error became no smaller."""
+    _, drawn = _relative(before, after, seed)
+    return float(np.mean(drawn <= 0.0))
+
+
+def _relative(before: Sequence[FloatArray], after: Sequence[FloatArray], seed: int
+              ) -> tuple[float, FloatArray]:
+    """Return by how much the mean square became smaller, in all and as drawn."""
     a, b, _ = _blocks(before, after)
     drawn = _draws(len(a), seed)
     relative = 1.0 - b[drawn].sum(axis=1) / np.maximum(a[drawn].sum(axis=1), 1e-300)
-    return _interval(float(1.0 - b.sum() / max(a.sum(), 1e-300)), relative)
+    return float(1.0 - b.sum() / max(a.sum(), 1e-300)), relative
 
 
 def geometric_improvement(before: Sequence[FloatArray], after: Sequence[FloatArray], seed: int

@@ -1,20 +1,32 @@
 """What stays of a model that has grown, by held-out data, and what else may be in its place."""
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
 
 from hydro_twin.effects import Placed
 from hydro_twin.fitting.autoregression import effective_samples
 from hydro_twin.fitting.fit import Fit
-from hydro_twin.inference.chain import exchange, indistinct, refined, simplified
+from hydro_twin.inference.chain import (
+    exchange,
+    grow,
+    indistinct,
+    LATER,
+    MOST,
+    refined,
+    simplified,
+)
 from hydro_twin.inference.context import Context
 from hydro_twin.inference.criterion import CLEARLY, criterion
 from hydro_twin.inference.findings import Chain, finding, other_findings
-from hydro_twin.inference.proof import proof, residuals, surer_improvement
+from hydro_twin.inference.proof import doubt, proof, residuals, surer_improvement
 from hydro_twin.inference.reading import equivalents
 from hydro_twin.inference.select import LONG, search_all
 from hydro_twin.result import CLOSE
+
+UNPROVEN = 0.15         # probability that it does not help up to which an effect stays beside
+#                         others: on the recordings that it was set by, those that are there had
+#                         at most 0.12, those that are not at least 0.2
 
 
 def settled(chain: Chain, base: Fit, context: Context) -> Chain:
@@ -51,55 +63,83 @@ def _with_equivalents(chain: Chain, context: Context) -> Chain:
             found.index)
         fitted = {(law.effect, law.port) for law in laws}
         others = [one for one in found.rivals if (one[0].effect, one[0].port) not in fitted]
-        again = replace(again, rivals=tuple(sorted(
+        again = replace(again, doubt=found.doubt, rivals=tuple(sorted(
             (*again.rivals, *others), key=lambda rival: rival[1])))
         chain = Chain(fits[best], (*chain.findings[:k], again, *chain.findings[k + 1:]))
         context.remember(chain.fit)
     return chain
 
 
-def _proven(chain: Chain, without: Fit, context: Context) -> Chain:
+def _proven(chain: Chain, without: Fit, context: Context, refuted: frozenset[str] = frozenset()
+            ) -> Chain:
     """Drop the effects that do not improve held-out data, the least helpful first.
 
-    An effect helps if the whole interval of the improvement is above zero. One that does not
-    gives way to an effect that the training data hardly tell from it, if that helps. Where one
-    could only be left out because another took its place as a simpler law, as a hysteresis that
-    is never crossed and so is a constant of each window, the other is dropped, if it fails, too;
-    else both stay.
+    One that does not, see `_on_held_out`, gives way to an effect that the training data hardly
+    tell from it, if that helps. Where it could only be left out because another took its place as
+    a simpler law, as a hysteresis that is never crossed and so is a constant of each window, the
+    other is dropped, if it fails, too; else both stay.
 
-    Short held-out data may not prove each of two effects without the other, as a dead zone with a
-    limit behind it. Where none would be left, those stay that surely help together, if each is
-    more likely to help than not.
+    What is left may then grow by others: beside an effect that is not there, as a drift in a
+    series of ever larger steps, the right one need not have been found.
 
     Args:
         chain: a model that has grown.
         without: the fit without any of its effects.
         context: the data.
+        refuted: ids of effects that were dropped before.
     """
     if not chain.findings:
         return chain
     bare = context.without(chain.fit, chain.indices)
     if len(bare) == 1:
         bare = [min(bare[0], without, key=lambda fit: fit.cost)]
-    after = residuals(chain.fit, context.held_out)
-    gains = [surer_improvement(residuals(fit, context.held_out), after, context.seed)
-             for fit in bare]
-    fails = {k for k, gain in enumerate(gains) if not gain.low > 0.0}
+    gains, doubts = _on_held_out(chain.fit, bare, without, context)
+    fails = {k for k, doubted in enumerate(doubts) if doubted is None}
     replaced_by = {k: _simpler_without(chain, k, bare[k], context) for k in fails}
     fails -= {k for k, others in replaced_by.items() if others and not others <= fails}
     if not fails:
-        return chain
-    least = min(fails, key=lambda k: gains[k].low)
+        return replace(chain, findings=tuple(
+            replace(found, doubt=doubted or 0.0)
+            for found, doubted in zip(chain.findings, doubts, strict=True)))
+    least = min(fails, key=lambda k: gains[k])
     if instead := _unrefuted(chain, least, bare[least], context):
-        return _proven(instead, without, context)
+        return _proven(instead, without, context, refuted)
     least = min(replaced_by[least], default=least)
     # What stood beside the others need not be the best by itself.
     chosen = exchange(Chain(bare[least], other_findings(chain, least)), context, last=True)
-    smaller = _proven(chosen, without, context)
-    if smaller.findings or len(gains) < 2 or not all(gain.relative > 0.0 for gain in gains):
-        return smaller
-    before = residuals(without, context.held_out)
-    return chain if surer_improvement(before, after, context.seed).low > 0.0 else smaller
+    dropped = chain.fit.candidate.effects[chain.findings[least].index].effect.id
+    if chosen.findings and dropped not in refuted and len(refuted) < MOST:
+        refuted |= {dropped}
+        alternatives = context.fit_alternatives(chosen.fit, LATER)
+        chosen = grow(chosen, alternatives, context, refuted)
+    return _proven(chosen, without, context, refuted)
+
+
+def _on_held_out(fit: Fit, bare: Sequence[Fit], without: Fit, context: Context
+                 ) -> tuple[list[float], list[float | None]]:
+    """Say how well each effect does on held-out data.
+
+    One is proven if the whole interval of the improvement is above zero. Short held-out data may
+    not prove each of several, as a dead zone with a limit behind it. So where all together surely
+    help, `UNPROVEN` is enough for one of them.
+
+    Args:
+        fit: with all effects.
+        bare: without each.
+        without: without any.
+        context: the data.
+
+    Returns:
+        The least that each improves them by, surely; and the probability that it does not, 0 if it
+        is proven, None if that is too large.
+    """
+    left, *before = (residuals(one, context.held_out) for one in (without, *bare))
+    after, seed = residuals(fit, context.held_out), context.seed
+    gains = [surer_improvement(one, after, seed).low for one in before]
+    level = UNPROVEN if surer_improvement(left, after, seed).low > 0.0 else 0.0
+    doubts = [0.0 if gain > 0.0 else doubt(one, after, seed)
+              for one, gain in zip(before, gains, strict=True)]
+    return gains, [one if one <= level else None for one in doubts]
 
 
 def _simpler_without(chain: Chain, k: int, without: Fit, context: Context) -> set[int]:

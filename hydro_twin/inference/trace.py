@@ -10,7 +10,7 @@ from hydro_twin.blas import one_thread
 from hydro_twin.fitting.coloured import as_measured, whitened, with_coloured_noise
 from hydro_twin.fitting.fit import Fit
 from hydro_twin.fitting.horizon import errors_over_horizon, judged_errors
-from hydro_twin.fitting.linear import fit_linear
+from hydro_twin.fitting.linear import fit_linear, refuse_reversed
 from hydro_twin.fitting.outputs import sensors_in
 from hydro_twin.fitting.parts import least_samples, Part, parts_of, thin, with_travel
 from hydro_twin.fitting.port_signals import predicted_by_ports
@@ -78,7 +78,8 @@ def trace(recording: Recording, test: Recording | None, plant: Plant,
         earlier: what the model to start from was made of, see `memory`.
 
     Raises:
-        DataError: a recording is too short, constant or not finite.
+        DataError: a recording is too short, constant or not finite, or the output moves against
+            the command.
     """
     found = evidence(recording, test, plant, constants, model, seed, progress)
     if earlier is not None and model is not None:
@@ -168,6 +169,7 @@ def _search(train: Recording, test: Recording, plant: Plant,
         plain = fit_linear(plant, whole if recorded <= AT_LAST else fine,
                            plant.constant_values(constants), sample_time, seed).candidate
         before = search(plain, fine, LONG)
+        refuse_reversed(before, fine)
     else:
         before = search(resampled(replace(
             model, plant=plant, noise=None, record=Record()), sample_time), fine, 1)

@@ -75,7 +75,7 @@ def _judge(found: Evidence, finding: Finding, reach: Mapping[Port, Span],
     among = shares({placed.effect.id: 0.0, **dict(rivals)}, samples)
     return NamedEffect(
         finding.index, placed, finding.p_value, finding.share, unknown,
-        probability=(1.0 - chance(finding.p_value)) * (1.0 - unknown)
+        probability=(1.0 - chance(finding.p_value)) * (1.0 - finding.doubt) * (1.0 - unknown)
         * among[placed.effect.id],
         ports=shares(_by_port(finding, placed, other_ports), samples),
         other_ports=other_ports, rivals=rivals,

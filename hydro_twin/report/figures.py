@@ -193,11 +193,16 @@ def _spectra(result: TraceResult) -> Illustration:
 
 
 def spectrum(pieces: Sequence[FloatArray], rate: float) -> tuple[FloatArray, FloatArray]:
-    """Average Welch's amplitude density over pieces, each by its length; (f,), (f,)."""
-    segment = min(SEGMENT, *(len(piece) for piece in pieces)) if pieces else SEGMENT
+    """Average Welch's amplitude density over pieces, each by its length; (f,), (f,).
+
+    Pieces of less than half of the longest may be left out: a few samples between two gaps must
+    not limit the resolution of all.
+    """
+    segment = min(SEGMENT, max(map(len, pieces)) // 2)
+    long = [piece for piece in pieces if len(piece) >= segment]
     power = np.zeros(segment // 2 + 1)
-    for piece in pieces:
+    for piece in long:
         frequency, density = signal.welch(np.nan_to_num(piece), fs=rate, nperseg=segment,
                                           detrend='linear')
         power += density * len(piece)
-    return frequency, np.sqrt(power / sum(len(piece) for piece in pieces))
+    return frequency, np.sqrt(power / sum(len(piece) for piece in long))

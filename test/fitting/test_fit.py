@@ -7,11 +7,14 @@ import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 
+from hydro_twin.errors import DataError
 from hydro_twin.fitting.fit import Fit
-from hydro_twin.fitting.linear import fit_linear
+from hydro_twin.fitting.linear import fit_linear, refuse_reversed
 from hydro_twin.fitting.parts import Part
 from hydro_twin.fitting.problem import Problem
 from hydro_twin.fitting.unknowns import plant_unknowns, Unknown
+from hydro_twin.model import Model
+from hydro_twin.plants import plant_named
 from hydro_twin.plants.load_simulator import LOAD_SIMULATOR
 
 T, SAMPLES, D_M = 0.002, 1500, 2e-5
@@ -102,3 +105,33 @@ def test_a_search_without_an_upper_bound_stays_finite():
     assert unknown.value(unknown.coordinate(5.0)) == pytest.approx(5.0)
     assert math.isfinite(unknown.value(1e4))
     assert unknown.value(-1e4) == 1e-6
+
+
+@pytest.mark.parametrize('name', ['cylinder', 'load_simulator'])
+def test_an_output_that_moves_against_the_command_is_refused(name: str) -> None:
+    """Whatever else moves it, as the angle that the load simulator is given."""
+    plant, rng = plant_named(name), np.random.default_rng(0)
+    model = Model(plant, {**plant.constant_values(), **plant.middle()}, plant.sample_time)
+    inputs = np.column_stack([np.repeat(rng.uniform(-0.05, 0.05, 40), 50)
+                              for _ in plant.inputs])
+    inputs[:, 1:] *= 1e-3
+    part = Part(inputs, model.system.run(inputs, np.zeros(plant.order)))
+    reversed_ = Part(inputs * [-1.0, *[1.0] * (len(plant.inputs) - 1)], part.measured)
+    right, wrong = (fit_linear(plant, [one], plant.constant_values(), plant.sample_time)
+                    for one in (part, reversed_))
+    refuse_reversed(right, [part])
+    with pytest.raises(DataError, match=f'moves against {plant.inputs[0].name}'):
+        refuse_reversed(wrong, [reversed_])
+
+
+def test_a_command_that_acts_against_a_disturbance_is_not_taken_for_reversed() -> None:
+    """A controller holds the piston against a load that the plant does not know."""
+    plant, rng = plant_named('cylinder'), np.random.default_rng(0)
+    load = np.cumsum(0.02 * rng.standard_normal(3000)) * plant.sample_time
+    x, command, measured = 0.0, np.zeros((3000, 1)), np.zeros(3000)
+    for k in range(3000):
+        measured[k] = x + load[k]
+        command[k] = -0.1 * measured[k]
+        x += plant.sample_time * 0.2 * command[k, 0]
+    part = Part(command, measured)
+    refuse_reversed(fit_linear(plant, [part], plant.constant_values(), plant.sample_time), [part])

@@ -141,6 +141,15 @@ def test_a_name_is_doubtful_where_much_is_left_that_cannot_be_noise(
     assert {one.law_unknown for one in named_effects(found)} == {unknown}
 
 
+def test_what_held_out_data_do_not_prove_is_less_probable(rubbing):
+    doubted = replace(rubbing, findings=tuple(
+        replace(found, doubt=0.2) for found in rubbing.findings))
+    for proven, one in zip(named_effects(rubbing), named_effects(doubted), strict=True):
+        assert one.probability == pytest.approx(0.8 * proven.probability)
+        assert proven.certain
+        assert not one.certain
+
+
 @pytest.mark.parametrize('ratio', [1.5, float('nan')])
 def test_a_model_that_fails_on_held_out_data_lacks_something(rubbing, ratio):
     nothing = replace(rubbing, findings=())

@@ -26,6 +26,14 @@ def test_the_spectrum_holds_the_power():
     assert frequency[np.argmax(density)] == pytest.approx(50.0, abs=0.5)
 
 
+@pytest.mark.parametrize('short', [1, 2, 30])
+def test_a_few_samples_between_two_gaps_do_not_change_a_spectrum(short):
+    noise = np.random.default_rng(0).normal(size=5000)
+    alone, together = (spectrum(pieces, 500.0) for pieces in (
+        [noise], [noise[:short], noise, noise[:short]]))
+    np.testing.assert_array_equal(alone, together)
+
+
 @pytest.mark.parametrize('count', [999, 1000, 1001, 54_321])
 def test_thinning_keeps_every_extreme(count):
     y = np.random.default_rng(count).standard_normal(count)
