@@ -21,9 +21,9 @@ from hydro_twin.predictors.scores import rms
 
 SUBSTEPS = 2            # steps in a sample of a search, which the last fits refine
 SHORT, KEPT = 10, 2     # evaluations of the search from each start, and starts that go on
-LITTLE = 0.5            # mean square that a fit of the right sign leaves, over that of the movement
-REVERSED = 0.2          # mean square that the right sign leaves over that of the wrong one; half and
-#                         more if a controller acts against disturbances
+LITTLE = 0.5            # mean square that a fit of the right sign leaves, over the movement's
+REVERSED = 0.2          # mean square that the right sign leaves, over that of the wrong one: half
+#                         and more if a controller acts against disturbances
 GIVEN = 4               # steps in a sample with given effects: no search refines them later
 
 
