@@ -12,13 +12,14 @@ from hydro_twin.inference.chain import (
     grow,
     indistinct,
     LATER,
+    MORE,
     MOST,
     refined,
     simplified,
 )
 from hydro_twin.inference.context import Context
 from hydro_twin.inference.criterion import CLEARLY, criterion
-from hydro_twin.inference.findings import Chain, finding, other_findings
+from hydro_twin.inference.findings import Chain, finding, other_findings, share
 from hydro_twin.inference.proof import doubt, proof, residuals, surer_improvement
 from hydro_twin.inference.reading import equivalents
 from hydro_twin.inference.select import LONG, search_all
@@ -121,7 +122,7 @@ def _on_held_out(fit: Fit, bare: Sequence[Fit], without: Fit, context: Context
 
     One is proven if the whole interval of the improvement is above zero. Short held-out data may
     not prove each of several, as a dead zone with a limit behind it. So where all together surely
-    help, `UNPROVEN` is enough for one of them.
+    help, `UNPROVEN` is enough for one that explains much of the training data.
 
     Args:
         fit: with all effects.
@@ -136,10 +137,13 @@ def _on_held_out(fit: Fit, bare: Sequence[Fit], without: Fit, context: Context
     left, *before = (residuals(one, context.held_out) for one in (without, *bare))
     after, seed = residuals(fit, context.held_out), context.seed
     gains = [surer_improvement(one, after, seed).low for one in before]
-    level = UNPROVEN if surer_improvement(left, after, seed).low > 0.0 else 0.0
-    doubts = [0.0 if gain > 0.0 else doubt(one, after, seed)
-              for one, gain in zip(before, gains, strict=True)]
-    return gains, [one if one <= level else None for one in doubts]
+    together = surer_improvement(left, after, seed).low > 0.0
+    doubts: list[float | None] = []
+    for one, gain, alone in zip(before, gains, bare, strict=True):
+        doubted = doubt(one, after, seed)
+        stays = together and doubted <= UNPROVEN and share(alone, fit) > MORE
+        doubts.append(0.0 if gain > 0.0 else doubted if stays else None)
+    return gains, doubts
 
 
 def _simpler_without(chain: Chain, k: int, without: Fit, context: Context) -> set[int]:

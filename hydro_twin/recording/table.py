@@ -183,9 +183,20 @@ def _load(path: Path, wanted: set[str], table_map: TableMap) -> dict[str, FloatA
 def _check_names(path: Path, wanted: set[str], there: list[str]) -> None:
     """Say which columns are not there, or are there twice."""
     if absent := sorted(wanted - set(there)):
-        raise BagError(f'{path} has no column {", ".join(absent)}; it has {", ".join(there)}')
+        said = f'{path} has no column {", ".join(absent)}; it has {", ".join(there)}'
+        raise BagError(f'{said}; is there no header line?' if there and all(map(
+            _is_number, there)) else said)
     if twice := sorted(name for name in wanted if there.count(name) > 1):
         raise BagError(f'{path} has several columns named {", ".join(twice)}: which one is meant?')
+
+
+def _is_number(text: str) -> bool:
+    """Whether a text can be read as a number."""
+    try:
+        float(text)
+    except ValueError:
+        return False
+    return True
 
 
 def _too_short(path: Path, rows: tuple[int, int | None]) -> BagError:
@@ -243,9 +254,7 @@ def _bad_cell(lines: list[str], delimiter: str, names: Mapping[int, str], first:
         for index, name in names.items():
             if index >= len(cells):
                 return f'row {row} has no column {name}: it has {len(cells)} columns only'
-            try:
-                float(cells[index])
-            except ValueError:
+            if not _is_number(cells[index]):
                 said = repr(cells[index]) if cells[index].strip() else 'the cell is empty'
                 if delimiter != ',' and ',' in said:
                     said += "; for a decimal comma give decimal: ',' in the map"
