@@ -87,8 +87,7 @@ def refuse_reversed(fit: Fit, parts: Sequence[Part]) -> None:
         return
     command = plant.inputs[0].name
     sign = np.array([-1.0, *[1.0] * (len(plant.inputs) - 1)])
-    searched = [parameter.name for parameter in plant.parameters]
-    constants = {name: value for name, value in model.values.items() if name not in searched}
+    constants = {constant.name: model.values[constant.name] for constant in plant.constants}
     other = fit_linear(plant, [replace(part, inputs=sign * part.inputs) for part in parts],
                        constants, model.sample_time, effects=model.effects)
     if other.error**2 < REVERSED * fit.error**2:

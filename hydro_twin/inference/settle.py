@@ -140,9 +140,9 @@ def _on_held_out(fit: Fit, bare: Sequence[Fit], without: Fit, context: Context
     together = surer_improvement(left, after, seed).low > 0.0
     doubts: list[float | None] = []
     for one, gain, alone in zip(before, gains, bare, strict=True):
-        doubted = doubt(one, after, seed)
-        stays = together and doubted <= UNPROVEN and share(alone, fit) > MORE
-        doubts.append(0.0 if gain > 0.0 else doubted if stays else None)
+        doubted = 0.0 if gain > 0.0 else doubt(one, after, seed)
+        stays = gain > 0.0 or (together and doubted <= UNPROVEN and share(alone, fit) > MORE)
+        doubts.append(doubted if stays else None)
     return gains, doubts
 
 

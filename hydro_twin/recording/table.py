@@ -184,8 +184,9 @@ def _check_names(path: Path, wanted: set[str], there: list[str]) -> None:
     """Say which columns are not there, or are there twice."""
     if absent := sorted(wanted - set(there)):
         said = f'{path} has no column {", ".join(absent)}; it has {", ".join(there)}'
-        raise BagError(f'{said}; is there no header line?' if there and all(map(
-            _is_number, there)) else said)
+        if there and all(map(_is_number, there)):
+            said += '; is there no header line?'
+        raise BagError(said)
     if twice := sorted(name for name in wanted if there.count(name) > 1):
         raise BagError(f'{path} has several columns named {", ".join(twice)}: which one is meant?')
 

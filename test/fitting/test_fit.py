@@ -133,5 +133,9 @@ def test_a_command_that_acts_against_a_disturbance_is_not_taken_for_reversed() -
         measured[k] = x + load[k]
         command[k] = -0.1 * measured[k]
         x += plant.sample_time * 0.2 * command[k, 0]
-    part = Part(command, measured)
-    refuse_reversed(fit_linear(plant, [part], plant.constant_values(), plant.sample_time), [part])
+    parts, constants = [Part(command, measured)], plant.constant_values()
+    fit = fit_linear(plant, parts, constants, plant.sample_time)
+    reversed_ = fit_linear(plant, [Part(-command, measured)], constants, plant.sample_time)
+    refuse_reversed(fit, parts)
+    assert fit.error > 0.75 * np.std(measured)      # of no use,
+    assert reversed_.error < 0.6 * fit.error        # and yet it is not the sign
