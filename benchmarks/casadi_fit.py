@@ -94,7 +94,7 @@ def by_casadi(fit: Problem, run: Any) -> Any:
     part, = fit.parts
     begin = np.array([unknown.coordinate(fit.base.values[unknown.name])
                       for unknown in fit.unknowns])
-    start, = initial_states(fit.base, fit.parts)
+    start = initial_states(fit.base, fit.parts)
     lower, upper = fit.bounds()
     known: dict[bytes, tuple[FloatArray, FloatArray]] = {}
 
@@ -114,7 +114,7 @@ def by_casadi(fit: Problem, run: Any) -> Any:
         return np.vstack([-at(both)[1], pull])
 
     far = np.full(PLANT.order, np.inf)
-    return least_squares(residual, np.concatenate([begin, start.x / SCALE]), jacobian,
+    return least_squares(residual, np.concatenate([begin, start.x[0] / SCALE]), jacobian,
                          bounds=(np.append(lower, -far), np.append(upper, far)), ftol=1e-6,
                          max_nfev=40)
 

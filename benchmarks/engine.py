@@ -75,18 +75,19 @@ def by_scipy(fit: Problem) -> Any:
     """Search the same unknowns, and the state at the start, by differences."""
     part, = fit.parts
     begin = np.array([u.coordinate(get(fit.base, u)) for u in fit.unknowns])
-    start, = initial_states(fit.base, fit.parts)
+    start = initial_states(fit.base, fit.parts)
     scale = np.array([1e-4, 1e6, 0.1, 0.01])
     lower, upper = fit.bounds()
 
     def residual(x: FloatArray) -> FloatArray:
-        y = fit.candidate(x[:len(begin)]).system.run(part.inputs, x[len(begin):] * scale, start.z)
+        y = fit.candidate(x[:len(begin)]).system.run(
+            part.inputs, x[len(begin):] * scale, start.z[0])
         return np.concatenate([np.nan_to_num(part.measured - y, nan=1e3),
                                fit.pull(x[:len(begin)])])
 
     far = np.full(len(scale), np.inf)
     inside = np.clip(begin, lower + 1e-9, upper - 1e-9)
-    return least_squares(residual, np.concatenate([inside, start.x / scale]), max_nfev=40,
+    return least_squares(residual, np.concatenate([inside, start.x[0] / scale]), max_nfev=40,
                          bounds=(np.append(lower, -far), np.append(upper, far)), ftol=1e-6)
 
 
@@ -109,15 +110,17 @@ def alone(fit: Problem) -> float:
     by, _ = fit.directions(fit.base, system)
     tangents = [tangent_of(system, by)]
 
-    def with_slopes() -> list[tuple[FloatArray, FloatArray]]:
-        return run_parts_with_slopes(system, by, tangents, [part.inputs], [x], [z], [None])
+    edges = np.array([0, len(part.inputs)])
+
+    def with_slopes() -> tuple[FloatArray, FloatArray]:
+        return run_parts_with_slopes(system, by, tangents, part.inputs, edges, x[None], z[None])
 
     more, _ = timed(with_slopes, 1)
     print(f'first call: {compiling:.1f} s for the run, {more:.1f} s more for its derivatives '
           '(compiled, or read from the cache)')
     plain, _ = timed(lambda: system.run(part.inputs, x, z), 20)
-    slopes, ((_, columns),) = timed(with_slopes, 20)
-    width = np.count_nonzero(np.any(columns[0], axis=0))
+    slopes, (_, columns) = timed(with_slopes, 20)
+    width = np.count_nonzero(np.any(columns[:, 0], axis=0))
     print(f'a run {1e3 * plain:.1f} ms; with {width} columns of derivatives {1e3 * slopes:.1f} '
           f'ms, {slopes / plain:.1f} runs; differences take {width + 1}')
     own, found = timed(lambda: fit.search(40, 1e-6))

@@ -62,7 +62,7 @@ def errors(plant: Plant, values: Mapping[str, float], sensors: Sequence[str]
                       [part])
     at = np.array([u.coordinate(get(problem.base, u)) for u in problem.unknowns])
     scales = 1.0 / (NOISE * problem.pieces.sizes)
-    slopes = problem.at(at, weights=[1.0], scales=scales).slopes
+    slopes = problem.at(at, weights=np.ones(1), scales=scales).slopes
     if not sensors:
         slopes = slopes * scales[0]             # one output has no scale
     names = [unknown.name for unknown in problem.unknowns]

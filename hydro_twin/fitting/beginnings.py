@@ -4,12 +4,14 @@ All parts are searched at once: each step of the search is one call of compiled 
 """
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
+from dataclasses import dataclass
 
 import numpy as np
 import numpy.typing as npt
 
-from hydro_twin.fitting.start import Start
+from hydro_twin.fitting.parts import Part
+from hydro_twin.fitting.start import Starts
 from hydro_twin.plants.plant import FloatArray
 from hydro_twin.predictors.scores import rms
 from hydro_twin.predictors.sensitivities import run_parts_with_slopes
@@ -23,10 +25,47 @@ NO_WORSE = 1.2          # RMS missed over that of a like model: no reason to sea
 STEPS = 8               # of that search
 HELD = 0.01             # cost of a deviation from rest, over that of as large an output
 DAMPED = (HELD, 0.3, 10.0)      # and of one from the last step
+LEAST = 1e-3            # of the size of the output: movement that is worth following
 
 
-def find_starts(system: System, inputs: Sequence[FloatArray], measured: Sequence[FloatArray],
-                least: Sequence[float], near: Sequence[Start | None]) -> list[Start]:
+@dataclass(frozen=True)
+class Beginnings:
+    """The first samples of P parts, side by side; those of shorter ones go on as they end.
+
+    Attributes:
+        inputs: (P, N, m).
+        measured: the output, (P, N).
+        own: which of the samples are of the part, (P, N).
+        sizes: movement of the output of each that is worth following, RMS, above zero, (P,).
+    """
+
+    inputs: FloatArray
+    measured: FloatArray
+    own: npt.NDArray[np.bool_]
+    sizes: FloatArray
+
+    @classmethod
+    def of(cls, parts: Sequence[Part], start_up: int) -> Beginnings:
+        """Take as many samples of each part as show the state at its start."""
+        lengths = np.array([part.beginning(start_up) for part in parts])
+        every = np.arange(lengths.max())
+        taken = np.minimum(every, lengths[:, None] - 1)
+        measured = np.stack([part.measured[rows] for part, rows in zip(parts, taken, strict=True)])
+        return cls(
+            np.stack([part.inputs[rows] for part, rows in zip(parts, taken, strict=True)]),
+            measured, every < lengths[:, None],
+            np.array([max(rms(one[:n] - one[:n].mean()), LEAST * part.size, 1e-12)
+                      for part, one, n in zip(parts, measured, lengths.tolist(), strict=True)]))
+
+    def at(self, parts: IntArray) -> Beginnings:
+        """Take those of some parts."""
+        own = self.own[parts]
+        longest = int(own.sum(axis=1).max())
+        return Beginnings(self.inputs[parts, :longest], self.measured[parts, :longest],
+                          own[:, :longest], self.sizes[parts])
+
+
+def find_starts(system: System, beginnings: Beginnings, near: Starts | None = None) -> Starts:
     """Find the state of each part from which the output is least missed.
 
     The one given, if not much more is missed from there than before. Else from rest, by a search
@@ -37,40 +76,31 @@ def find_starts(system: System, inputs: Sequence[FloatArray], measured: Sequence
 
     Args:
         system: the model, as it is at the start.
-        inputs: of the first samples of each part, (N, m) or shorter.
-        measured: the output there.
-        least: movement of the output of each that is worth following, above zero.
-        near: starts that were found for a model that differs little, or None.
+        beginnings: the first samples of the parts.
+        near: starts that were found for a model that differs little.
     """
-    sizes = np.array([max(rms(one - one.mean()), floor)
-                      for one, floor in zip(measured, least, strict=True)])
-    found = dict(_near(system, inputs, measured, sizes, near))
-    others = [k for k in range(len(inputs)) if k not in found]
-    if others:
-        states = _Search(system, [inputs[k] for k in others], [measured[k] for k in others],
-                         sizes[others]).states()
-        n = len(system.laws.A)
-        found |= {k: _within_edges(system, inputs[k], measured[k], state[:n], state[n:])
-                  for k, state in zip(others, states, strict=True)}
-    return [found[k] for k in range(len(inputs))]
+    others = np.arange(len(beginnings.sizes))
+    found = None
+    if near is not None and near.z.shape[1] == system.memory:
+        found = _within_edges(system, beginnings, near.x, near.z)
+        others = np.flatnonzero(~(found.missed < np.maximum(
+            NO_WORSE * near.missed, NEAR * beginnings.sizes)))
+        if not len(others):
+            return found
+    these = beginnings if found is None else beginnings.at(others)
+    states, n = _Search(system, these).states(), len(system.laws.A)
+    anew = _within_edges(system, these, states[:, :n], states[:, n:])
+    return anew if found is None else found.with_others(others, anew)
 
 
-def _near(system: System, inputs: Sequence[FloatArray], measured: Sequence[FloatArray],
-          sizes: FloatArray, near: Sequence[Start | None]) -> Iterator[tuple[int, Start]]:
-    """Yield the starts that do here, and of which part each is."""
-    for k, start in enumerate(near):
-        if start is not None and len(start.z) == system.memory:
-            here = _within_edges(system, inputs[k], measured[k], start.x, start.z)
-            if here.missed < max(NO_WORSE * start.missed, NEAR * sizes[k]):
-                yield k, here
-
-
-def _within_edges(system: System, inputs: FloatArray, measured: FloatArray, x: FloatArray,
-                  z: FloatArray) -> Start:
-    """Return a start of a run, what the effects keep moved to within its edges."""
-    kept = system.kept(inputs[0], x)
-    z = np.clip(z, kept[:, 0], kept[:, 1])
-    return Start(x, z, kept - z[:, None], rms(measured - system.run(inputs, x, z)))
+def _within_edges(system: System, beginnings: Beginnings, x: FloatArray, z: FloatArray) -> Starts:
+    """Return starts of runs, what the effects keep moved to within its edges."""
+    kept = system.kept(beginnings.inputs[:, 0], x)
+    z = np.clip(z, kept[..., 0], kept[..., 1])
+    y = system.run_each(beginnings.inputs, np.arange(len(x)), np.hstack([x, z]))
+    missed = np.where(beginnings.own, beginnings.measured - y, 0.0)
+    return Starts(x, z, kept - z[..., None], np.sqrt(
+        np.einsum('kn,kn->k', missed, missed) / beginnings.own.sum(axis=1)))
 
 
 class _Search:
@@ -79,25 +109,19 @@ class _Search:
     Parts are padded to the longest. What is beyond their own samples counts for nothing.
     """
 
-    def __init__(self, system: System, inputs: Sequence[FloatArray],
-                 measured: Sequence[FloatArray], sizes: FloatArray) -> None:
-        lengths = np.array([len(one) for one in measured])
-        longest = int(lengths.max())
+    def __init__(self, system: System, beginnings: Beginnings) -> None:
         self.system, self.tangent = system, tangent_of(system, NONE)
-        response = system.free_response(longest)
-        every = np.arange(longest)
-        self.own = every < lengths[:, None]
-        self.inputs, self.measured = (
-            np.stack([one[np.minimum(every, len(one) - 1)] for one in some])
-            for some in (inputs, measured))
-        self.sizes, self.every = sizes, np.arange(len(sizes))
-        rest = np.stack([system.start(one[0], y[0])
-                         for one, y in zip(inputs, measured, strict=True)])
-        self.kept = np.stack([system.kept(one[0], x)
-                              for one, x in zip(inputs, rest, strict=True)])
+        self.inputs, self.measured = beginnings.inputs, beginnings.measured
+        self.own, self.sizes = beginnings.own, beginnings.sizes
+        lengths = self.own.sum(axis=1)
+        response = system.free_response(self.own.shape[1])
+        self.every = np.arange(len(self.sizes))
+        rest = system.at_rest(self.inputs[:, 0], self.measured[:, 0])
+        self.kept = system.kept(self.inputs[:, 0], rest)
         self.width = self.kept[..., 1] - self.kept[..., 0]
         shown = np.sqrt(np.cumsum(response**2, axis=0)[lengths - 1] / lengths[:, None])
-        self.scale = np.hstack([sizes[:, None] / np.where(shown > 0.0, shown, 1.0), self.width])
+        self.scale = np.hstack([self.sizes[:, None] / np.where(shown > 0.0, shown, 1.0),
+                                self.width])
         self.n = rest.shape[1]
         self.linear = np.zeros((*self.own.shape, self.scale.shape[1]))
         self.linear[..., :self.n] = (np.where(self.own[..., None], response, 0.0)
@@ -114,8 +138,7 @@ class _Search:
         lengths = self.own.sum(axis=1)
         far = np.flatnonzero(self.power > (NEAR * self.sizes) ** 2 * lengths)
         before, power = self.state.copy(), self.power.copy()
-        nearer = np.array([k for k in far.tolist() if self.other_side(k, columns[k])],
-                          dtype=np.int64)
+        nearer = self.other_side(far, columns[far])
         self.search(nearer, np.ones(self.scale.shape[1], dtype=bool))
         back = nearer[~(self.power[nearer] < MOVES * power[nearer])]
         self.state[back] = before[back]
@@ -130,12 +153,12 @@ class _Search:
 
     def slopes(self, parts: IntArray) -> FloatArray:
         """Return the derivatives of the outputs of parts by their coordinates, (K, N, c)."""
-        states = self.state[parts]
-        runs = run_parts_with_slopes(
-            self.system, NONE, (self.tangent,), list(self.inputs[parts]), list(states[:, :self.n]),
-            list(states[:, self.n:]), [None] * len(parts))
-        found = np.stack([slopes[0] for _, slopes in runs])
-        return np.where(self.own[parts][..., None], found, 0.0) * self.scale[parts][:, None]
+        states, (_, N, m) = self.state[parts], self.inputs.shape
+        _, slopes = run_parts_with_slopes(
+            self.system, NONE, (self.tangent,), self.inputs[parts].reshape(-1, m),
+            N * np.arange(len(parts) + 1), states[:, :self.n], states[:, self.n:])
+        return (np.where(self.own[parts][..., None], slopes.reshape(len(parts), N, -1), 0.0)
+                * self.scale[parts][:, None])
 
     def explained(self, missed: FloatArray, columns: FloatArray, held: float, parts: IntArray
                   ) -> FloatArray:
@@ -174,9 +197,11 @@ class _Search:
         Returns:
             The derivatives at the end, of all parts, (P, N, c).
         """
+        last = self.linear.copy()
+        if not len(parts):
+            return last
         # What sticks at rest has no derivative there: first by the linear laws, if it moves.
         self.step(parts, self.linear[parts], HELD, MOVES)
-        last = self.linear.copy()
         for _ in range(STEPS):
             if not len(parts):
                 break
@@ -187,20 +212,31 @@ class _Search:
             parts = np.setdiff1d(parts, waiting)
         return last
 
-    def other_side(self, k: int, columns: FloatArray) -> bool:
-        """Start a part from where a gap stands on another side, if that is nearer."""
-        state, units = self.state[k], np.diag(self.scale[k])
-        sides = [state + side * unit for unit in units[:self.n] for side in (-1.0, 1.0)]
-        for i in np.flatnonzero(self.width[k]):
-            sides += [np.where(np.arange(len(state)) == self.n + i, value, state)
-                      for value in (*self.kept[k, i], self.kept[k, i].mean())]
-        begun, here = np.array(sides), np.full(len(sides), k)
+    def other_side(self, far: IntArray, columns: FloatArray) -> IntArray:
+        """Start parts from where a gap stands on another side; returns which are nearer then."""
+        if not len(far):
+            return far
+        state, scale = self.state[far, None], self.scale[far, None]
+        units = np.eye(scale.shape[-1])
+        sides = [state + way * scale * unit for unit in units[:self.n] for way in (-1.0, 1.0)]
+        theirs = [np.ones(len(far), dtype=bool)] * len(sides)
+        for i in range(self.width.shape[1]):
+            low, high = self.kept[far, i].T
+            sides += [np.where(units[self.n + i] > 0.0, value[:, None, None], state)
+                      for value in (low, high, 0.5 * (low + high))]
+            theirs += [self.width[far, i] != 0.0] * 3
+        which, side = np.nonzero(np.stack(theirs, axis=1))
+        begun, here = np.concatenate(sides, axis=1)[which, side], far[which]
         missed, _ = self.at(begun, here)
-        begun += self.scale[k] * self.explained(
-            np.nan_to_num(missed), np.repeat(columns[None], len(sides), axis=0), HELD, here)
+        begun += self.scale[here] * self.explained(
+            np.nan_to_num(missed), columns[which], HELD, here)
         missed, powers = self.at(begun, here)
-        best = int(np.argmin(powers))
-        if not powers[best] < NEARER * self.power[k]:
-            return False
-        self.state[k], self.missed[k], self.power[k] = begun[best], missed[best], powers[best]
-        return True
+        every = np.full((len(far), len(sides)), np.inf)
+        every[which, side] = powers
+        nearer = np.flatnonzero(every.min(axis=1) < NEARER * self.power[far])
+        for k in nearer.tolist():
+            row = int(np.flatnonzero((which == k) & (side == every[k].argmin()))[0])
+            self.state[far[k]], self.missed[far[k]] = begun[row], missed[row]
+            self.power[far[k]] = powers[row]
+        moved: IntArray = far[nearer]
+        return moved

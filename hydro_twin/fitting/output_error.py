@@ -5,47 +5,41 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from hydro_twin.fitting.beginnings import find_starts
+from hydro_twin.fitting.beginnings import Beginnings, find_starts
 from hydro_twin.fitting.parts import Part
-from hydro_twin.fitting.start import Start, without_start
+from hydro_twin.fitting.start import Starts, without_starts
 from hydro_twin.model import Model
 from hydro_twin.plants.plant import FloatArray
 from hydro_twin.predictors.sensitivities import run_parts_with_slopes
-from hydro_twin.predictors.system import System
-from hydro_twin.predictors.tangents import Directions, NONE, Tangent, tangents_of
+from hydro_twin.predictors.system import IntArray
+from hydro_twin.predictors.tangents import NONE, tangents_of
 
 
-def initial_states(model: Model, parts: Sequence[Part], near: Sequence[Start] = ()
-                   ) -> list[Start]:
+def initial_states(model: Model, parts: Sequence[Part], near: Starts | None = None,
+                   beginnings: Beginnings | None = None) -> Starts:
     """Find the state at the start of each part that its first samples show.
 
     Args:
         model: that is run.
         parts: over which.
         near: starts of a model that differs little, which are searched anew where they miss much.
+        beginnings: the first samples, if they are at hand.
     """
     system = model.system
-    lengths = [part.beginning(model.start_up) for part in parts]
-    stages = [system.stage_at(part.start) for part in parts]
-    found: dict[int, Start] = {}
-    for stage in sorted(set(stages)):
-        here = [k for k, other in enumerate(stages) if other == stage]
-        found |= zip(here, find_starts(
-            system.stages[stage],
-            [parts[k].inputs[:lengths[k]] for k in here],
-            [parts[k].measured[:lengths[k]] for k in here],
-            [max(1e-3 * parts[k].size, 1e-12) for k in here],
-            [near[k] if near else None for k in here]), strict=True)
-    return [found[k] for k in range(len(parts))]
-
-
-def run_with_slopes(system: System, by: Directions, tangents: Sequence[Tangent],
-                    parts: Sequence[Part], starts: Sequence[Start], sensors: Sequence[str] = ()
-                    ) -> list[tuple[FloatArray, FloatArray]]:
-    """Run over parts from their starts, with derivatives, see `run_parts_with_slopes`."""
-    return run_parts_with_slopes(
-        system, by, tangents, [part.inputs for part in parts], [start.x for start in starts],
-        [start.z for start in starts], [part.start for part in parts], sensors)
+    if beginnings is None:
+        beginnings = Beginnings.of(parts, model.start_up)
+    stages = np.array([system.stage_at(part.start) for part in parts])
+    first, *others = np.unique(stages).tolist()
+    if not others:
+        return find_starts(system.stages[first], beginnings, near)
+    n, memory = len(system.laws.A), system.memory
+    found = Starts(np.empty((len(parts), n)), np.empty((len(parts), memory)),
+                   np.empty((len(parts), memory, 2)), np.empty(len(parts)))
+    for stage in (first, *others):
+        here = np.flatnonzero(stages == stage)
+        found = found.with_others(here, find_starts(
+            system.stages[stage], beginnings.at(here), near and near.at(here)))
+    return found
 
 
 def usual_response(model: Model) -> FloatArray:
@@ -55,37 +49,60 @@ def usual_response(model: Model) -> FloatArray:
     return response
 
 
+def edges_of(parts: Sequence[Part]) -> IntArray:
+    """Return where each part begins if they follow one another, and where the last one ends."""
+    return np.cumsum([0, *(len(part.measured) for part in parts)])
+
+
 def free_run(model: Model, part: Part, seen: FloatArray | None = None) -> FloatArray:
     """Run freely over a part, from the state that its first samples show; (N,).
 
     What passes at the ports is written to `seen`, see `System.run`.
     """
-    start, = initial_states(model, [part])
-    return model.system.run(part.inputs, start.x, start.z, seen, part.start)
+    start = initial_states(model, [part])
+    return model.system.run(part.inputs, start.x[0], start.z[0], seen, part.start)
 
 
 def residuals(model: Model, parts: Sequence[Part]) -> list[FloatArray]:
     """Measured less free run over the scored samples of each part, whitened, (N - start-up,)."""
-    return [part.whitened(part.measured - model.system.run(
-        part.inputs, start.x, start.z, start=part.start))[model.start_up:]
-            for part, start in zip(parts, initial_states(model, parts), strict=True)]
+    starts = initial_states(model, parts)
+    return [missed[model.start_up:] for missed in _missed(model, parts, starts.x, starts.z)]
+
+
+def runs(model: Model, parts: Sequence[Part], x: FloatArray, z: FloatArray | None = None
+         ) -> list[FloatArray]:
+    """Run freely over each part (N,), from given states (P, n) and what the effects keep there."""
+    edges = edges_of(parts)
+    y = model.system.run_parts(np.concatenate([part.inputs for part in parts]), edges, x, z,
+                               [part.start for part in parts])
+    return np.split(y, edges[1:-1])
+
+
+def _missed(model: Model, parts: Sequence[Part], x: FloatArray, z: FloatArray | None = None
+            ) -> list[FloatArray]:
+    """Measured less the runs from given states, whitened, of each part (N,)."""
+    return [part.whitened(part.measured - y)
+            for part, y in zip(parts, runs(model, parts, x, z), strict=True)]
 
 
 def fitted_residuals(model: Model, parts: Sequence[Part]) -> list[FloatArray]:
     """Find the residual of each part that is left if the whole of it shows its start.
 
-    See `without_start`. What is not fitted has only its first samples to go by.
+    See `without_starts`. What is not fitted has only its first samples to go by.
     """
-    starts, usual = initial_states(model, parts), usual_response(model)
+    starts, edges = initial_states(model, parts), edges_of(parts)
     tangents = tangents_of(model.system, lambda _: NONE)
-    runs = run_with_slopes(model.system, NONE, tangents, parts, starts)
-    return [without_start(part.whitened(part.measured - y[0]), part.whitened(slopes[0]), usual,
-                          model.start_up, room=start.room).residual
-            for part, start, (y, slopes) in zip(parts, starts, runs, strict=True)]
+    y, slopes = run_parts_with_slopes(
+        model.system, NONE, tangents, np.concatenate([part.inputs for part in parts]), edges,
+        starts.x, starts.z, [part.start for part in parts])
+    ran, by_start = (np.split(some[:, 0], edges[1:-1]) for some in (y, slopes))
+    return _left(model, [part.whitened(part.measured - one)
+                         for part, one in zip(parts, ran, strict=True)],
+                 [part.whitened(one) for part, one in zip(parts, by_start, strict=True)],
+                 starts.room)
 
 
-def residuals_from(model: Model, parts: Sequence[Part], states: Sequence[FloatArray]
-                   ) -> list[FloatArray]:
+def residuals_from(model: Model, parts: Sequence[Part], states: FloatArray) -> list[FloatArray]:
     """Find the residuals of runs from given states, less what others explain by linear laws.
 
     A quicker `fitted_residuals`, to compare many effects: no start is searched, and what effects
@@ -94,11 +111,19 @@ def residuals_from(model: Model, parts: Sequence[Part], states: Sequence[FloatAr
     Args:
         model: what is run.
         parts: what it is run over.
-        states: at the start of each, (n,).
+        states: at the start of each, (P, n).
     """
-    system, usual = model.system, usual_response(model)
-    response = system.free_response(max(len(part.measured) for part in parts))
-    return [without_start(
-        part.whitened(part.measured - system.run(part.inputs, x, start=part.start)),
-        part.whitened(response[:len(part.measured)]), usual, model.start_up).residual
-            for part, x in zip(parts, states, strict=True)]
+    response = model.system.free_response(max(len(part.measured) for part in parts))
+    return _left(model, _missed(model, parts, states),
+                 [part.whitened(response[:len(part.measured)]) for part in parts])
+
+
+def _left(model: Model, missed: Sequence[FloatArray], by_start: Sequence[FloatArray],
+          room: FloatArray | None = None) -> list[FloatArray]:
+    """Eliminate the states at the starts of parts, and return what is left of each."""
+    lengths = np.array([len(one) for one in missed])
+    begins = np.cumsum(lengths) - lengths
+    left = without_starts(
+        np.concatenate(missed), np.concatenate(by_start), usual_response(model),
+        np.column_stack([begins, begins + model.start_up, begins + lengths]), room=room)
+    return np.split(left.residual, left.edges[1:-1])

@@ -85,16 +85,6 @@ class Stack:
         return cls(measured, np.concatenate([first, others]), len(first),
                    (there & ~is_first).sum(axis=1))
 
-    def pick(self, values: FloatArray, scales: FloatArray) -> FloatArray:
-        """Take the rows of values (1 + K, N, ...), each times the scale of its output."""
-        if len(scales) == 1:
-            only: FloatArray = values[0]
-            return only
-        flat = values.reshape(-1, *values.shape[2:])[self.rows]
-        weights = scales[self.rows // values.shape[1]]
-        picked: FloatArray = flat * weights.reshape(-1, *[1] * (flat.ndim - 1))
-        return picked
-
     def whitened(self, rows: FloatArray, filters: Sequence[FloatArray]) -> FloatArray:
         """Filter the rows of each output in the order of time, by its own filter."""
         white = rows.copy() if filters else rows
@@ -104,6 +94,67 @@ class Stack:
             own = own[np.argsort(self.rows[own])]
             white[own] = filtered(filter_, rows[own])
         return white
+
+
+@dataclass(frozen=True)
+class Layout:
+    """P parts one after another, as one run covers them, and the rows of a fit in it.
+
+    Attributes:
+        inputs: of all parts, (N, m).
+        measured: output and sensors, nan where there is none, (N, 1 + K).
+        edges: where each part begins there, and where the last one ends, (P + 1,).
+        rows: where each row of the fit is in what is measured, made flat, part by part.
+        of_parts: of each part its first row, its first row that is scored, and the one after its
+            last, (P, 3).
+    """
+
+    inputs: FloatArray
+    measured: FloatArray
+    edges: IntArray
+    rows: IntArray
+    of_parts: IntArray
+
+    @classmethod
+    def of(cls, parts: Sequence[Part], stacks: Sequence[Stack]) -> Layout:
+        """Lay out parts that are stacked."""
+        lengths = [len(part.measured) for part in parts]
+        edges = np.cumsum([0, *lengths])
+        rows = []
+        for stack, length, begin in zip(stacks, lengths, edges.tolist(), strict=False):
+            output, sample = np.divmod(stack.rows, length)
+            rows.append((begin + sample) * len(stack.measured) + output)
+        counts = np.array([len(some) for some in rows])
+        begins = np.cumsum(counts) - counts
+        return cls(np.concatenate([part.inputs for part in parts]),
+                   np.concatenate([stack.measured.T for stack in stacks]), edges,
+                   np.concatenate(rows), np.column_stack([
+                       begins, begins + [stack.first for stack in stacks], begins + counts]))
+
+    def at(self, parts: IntArray) -> Layout:
+        """Lay out some of the parts, each once and in their order."""
+        if len(parts) == len(self.of_parts):
+            return self
+        samples = [np.arange(self.edges[k], self.edges[k + 1]) for k in parts]
+        edges = np.cumsum([0, *map(len, samples)])
+        spans, width = self.of_parts[parts], self.measured.shape[1]
+        rows = np.concatenate([
+            self.rows[begin:end] + width * (now - self.edges[k])
+            for k, (begin, _, end), now in zip(parts, spans, edges.tolist(), strict=False)])
+        counts = spans[:, 2] - spans[:, 0]
+        begins = np.cumsum(counts) - counts
+        every = np.concatenate(samples)
+        return Layout(self.inputs[every], self.measured[every], edges, rows,
+                      spans - spans[:, :1] + begins[:, None])
+
+    def pick(self, values: FloatArray, scales: FloatArray) -> FloatArray:
+        """Take the rows of values (N, 1 + K, ...), each times the scale of its output."""
+        flat = values.reshape(-1, *values.shape[2:])
+        if len(scales) == 1:
+            return flat
+        weights = scales[self.rows % len(scales)]
+        picked: FloatArray = flat[self.rows] * weights.reshape(-1, *[1] * (flat.ndim - 1))
+        return picked
 
 
 @dataclass(frozen=True)

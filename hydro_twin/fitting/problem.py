@@ -3,27 +3,24 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
-from functools import partial
+from functools import cached_property, partial
 import math
 
 import numpy as np
 from scipy.optimize import least_squares, lsq_linear
 
+from hydro_twin.fitting.beginnings import Beginnings
 from hydro_twin.fitting.fit import Fit
-from hydro_twin.fitting.output_error import (
-    initial_states,
-    run_with_slopes,
-    usual_response,
-)
-from hydro_twin.fitting.outputs import Pieces, sensors_in, Stack
+from hydro_twin.fitting.output_error import initial_states, usual_response
+from hydro_twin.fitting.outputs import Layout, Pieces, sensors_in, Stack
 from hydro_twin.fitting.parts import Part
-from hydro_twin.fitting.start import Eliminated, Start, without_start
+from hydro_twin.fitting.start import Eliminated, Starts, without_starts
 from hydro_twin.fitting.unknowns import coordinates_of, get, put, Unknown, usual
 from hydro_twin.model import Model
 from hydro_twin.parallel import in_processes
 from hydro_twin.plants.plant import FloatArray
-from hydro_twin.predictors.scores import rms
-from hydro_twin.predictors.system import System
+from hydro_twin.predictors.sensitivities import run_parts_with_slopes
+from hydro_twin.predictors.system import IntArray, System
 from hydro_twin.predictors.tangents import Directions, tangents_of
 
 WALL = 3e-3             # weight of the search box, see `Problem`
@@ -59,10 +56,10 @@ class Evaluation:
     coordinates: FloatArray
     residual: FloatArray
     slopes: FloatArray
-    weights: tuple[float, ...]
+    weights: FloatArray
     scales: FloatArray
     pulled: FloatArray
-    starts: tuple[Start, ...]
+    starts: Starts
     reason: str = ''
 
     @property
@@ -105,6 +102,16 @@ class Problem:
         starts = coordinates_of(base, self.unknowns)
         self.middle = np.array([0.5 * (low + high) if math.isfinite(low) else start
                                 for (low, high), start in zip(edges, starts, strict=True)])
+
+    @cached_property
+    def layout(self) -> Layout:
+        """The parts one after another."""
+        return Layout.of(self.parts, self.stacks)
+
+    @cached_property
+    def beginnings(self) -> Beginnings:
+        """The first samples of the parts."""
+        return Beginnings.of(self.parts, self.base.start_up)
 
     def pull(self, coordinates: FloatArray) -> FloatArray:
         """Return what the coordinates cost by themselves, (2 d,), to be squared."""
@@ -163,8 +170,8 @@ class Problem:
         by = Directions([d for _, d in plant], [d for _, d in laws], [d for _, d in shifts])
         return by, order
 
-    def at(self, coordinates: FloatArray, weights: Sequence[float | None] = (),
-           scales: FloatArray | None = None, near: Sequence[Start] = ()) -> Evaluation:
+    def at(self, coordinates: FloatArray, weights: FloatArray | None = None,
+           scales: FloatArray | None = None, near: Starts | None = None) -> Evaluation:
         """Run over all parts, with derivatives; a run that diverged has a large, finite error.
 
         Args:
@@ -174,59 +181,58 @@ class Problem:
             near: starts of the parts at other coordinates, which may do here.
         """
         candidate = self.candidate(coordinates)
-        by, order = self.directions(candidate, candidate.system)
-        tangents = tangents_of(candidate.system,
-                               lambda stage: self.directions(candidate, stage)[0])
-        usual = usual_response(candidate)
+        system, usual = candidate.system, usual_response(candidate)
+        by, order = self.directions(candidate, system)
+        tangents = tangents_of(system, lambda stage: self.directions(candidate, stage)[0])
         scales = self.size / self.pieces.sizes if scales is None else scales
 
-        def run_from(indices: Sequence[int], starts: Sequence[Start],
-                     weights: Sequence[float | None]) -> list[Eliminated]:
+        def run_from(parts: IntArray, starts: Starts, weights: FloatArray | None) -> Eliminated:
             """Run over some parts, and eliminate the states at their starts."""
-            runs = run_with_slopes(candidate.system, by, tangents,
-                                   [self.parts[k] for k in indices], starts, self.sensors)
-            found = []
-            for k, run, start, weight in zip(indices, runs, starts, weights, strict=True):
-                missed, rows = self.missed(k, *run, scales)
-                found.append(without_start(missed, rows[:, by.count:], usual,
-                                           self.stacks[k].first, rows[:, :by.count], weight,
-                                           start.room))
-            return found
+            layout = self.layout.at(parts)
+            missed, rows = self.missed(layout, parts, *run_parts_with_slopes(
+                system, by, tangents, layout.inputs, layout.edges, starts.x, starts.z,
+                [self.parts[k].start for k in parts], self.sensors), scales)
+            return without_starts(missed, rows[:, by.count:], usual, layout.of_parts,
+                                  rows[:, np.argsort(order)], weights, starts.room)
 
-        starts = initial_states(candidate, self.parts, near)
-        every = range(len(starts))
-        runs = run_from(every, starts, weights or [None] * len(starts))
-        moved = [k for k in every if runs[k].taken > SMALL * rms(runs[k].residual)]
-        if moved:
+        starts = initial_states(candidate, self.parts, near, self.beginnings)
+        runs = run_from(np.arange(len(self.parts)), starts, weights)
+        slopes = runs.slopes
+        moved = np.flatnonzero(runs.taken > SMALL * runs.errors)
+        if len(moved):
             # The derivatives belong to runs from where elimination moves the starts.
-            there = [starts[k].moved(runs[k].change) for k in moved]
-            again = run_from(moved, there, [runs[k].weight for k in moved])
-            for k, start, run in zip(moved, there, again, strict=True):
-                if np.isfinite(run.slopes).all():
-                    runs[k] = runs[k]._replace(slopes=run.slopes)
-                    if rms(run.residual) < AS_GOOD * rms(runs[k].residual):
-                        starts[k] = start
-        return Evaluation(
-            coordinates, np.concatenate([run.residual for run in runs]),
-            np.concatenate([run.slopes for run in runs])[:, np.argsort(order)],
-            tuple(run.weight for run in runs), scales, self.pull(coordinates), tuple(starts))
+            there = starts.at(moved).moved(runs.change[moved])
+            again = run_from(moved, there, runs.weights[moved])
+            finite = np.minimum.reduceat(np.isfinite(again.slopes).all(axis=1), again.edges[:-1])
+            better = finite & (again.errors < AS_GOOD * runs.errors[moved])
+            for j in np.flatnonzero(finite):
+                begin, end = runs.edges[moved[j]:moved[j] + 2]
+                slopes[begin:end] = again.slopes[again.edges[j]:again.edges[j + 1]]
+            starts = starts.with_others(moved[better], there.at(np.flatnonzero(better)))
+        return Evaluation(coordinates, runs.residual, slopes, runs.weights, scales,
+                          self.pull(coordinates), starts)
 
-    def missed(self, k: int, y: FloatArray, slopes: FloatArray, scales: FloatArray
-               ) -> tuple[FloatArray, FloatArray]:
-        """Return what a run over part k misses, and its derivatives, as they count in the fit.
+    def missed(self, layout: Layout, parts: IntArray, y: FloatArray, slopes: FloatArray,
+               scales: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Return what runs over parts miss, and its derivatives, as they count in the fit.
 
         Scaled and filtered; a run that diverged misses much, but no more than a finite amount.
 
         Args:
-            k: which part.
-            y: output and sensors, (1 + K, N).
-            slopes: their derivatives, (1 + K, N, D).
+            layout: of the parts.
+            parts: which.
+            y: output and sensors, (N, 1 + K).
+            slopes: their derivatives, (N, 1 + K, D).
             scales: of output and sensors, (1 + K,).
         """
-        stack, filters, most = self.stacks[k], self.parts[k].filters, MOST * self.size
-        missed = np.nan_to_num(stack.pick(stack.measured - y, scales), nan=most)
-        return (stack.whitened(np.clip(missed, -most, most), filters),
-                stack.whitened(stack.pick(slopes, scales), filters))
+        most = MOST * self.size
+        missed = np.nan_to_num(layout.pick(layout.measured - y, scales), nan=most)
+        missed, rows = np.clip(missed, -most, most), layout.pick(slopes, scales)
+        for k, (begin, _, end) in zip(parts, layout.of_parts, strict=True):
+            if filters := self.parts[k].filters:
+                missed[begin:end], rows[begin:end] = (
+                    self.stacks[k].whitened(one[begin:end], filters) for one in (missed, rows))
+        return missed, rows
 
     def bounds(self) -> tuple[FloatArray, FloatArray]:
         """Lower and upper bounds of the coordinates."""
@@ -275,7 +281,7 @@ class Problem:
     def search(self, evaluations: int, tolerance: float) -> Evaluation:
         """Search by a trust region, as scipy does [Branch, Coleman and Li 1999].
 
-        The weight of a part's first samples, see `without_start`, and the scales of output and
+        The weight of a part's first samples, see `without_starts`, and the scales of output and
         sensors are kept during a search: their own derivatives are not in the slopes. Where they
         differ at the end, the search goes on with the new ones.
 
@@ -288,9 +294,8 @@ class Problem:
             if found.reason != CONVERGED:
                 break
             now = self.at(found.coordinates, scales=self.balanced(found))
-            if all(max(a, b) < SAME_WEIGHT * min(a, b)
-                   for a, b in zip(found.weights, now.weights, strict=True)
-                   ) and np.abs(np.log(now.scales / found.scales)).max() < SAME_SCALE:
+            if (np.abs(np.log(now.weights / found.weights)).max() < math.log(SAME_WEIGHT)
+                    and np.abs(np.log(now.scales / found.scales)).max() < SAME_SCALE):
                 break
             found = self.weighted_search(now, evaluations, tolerance)
         return found

@@ -8,7 +8,7 @@ import numpy as np
 
 from hydro_twin.effects import Effect
 from hydro_twin.fitting.fit import Fit
-from hydro_twin.fitting.output_error import initial_states
+from hydro_twin.fitting.output_error import initial_states, runs
 from hydro_twin.fitting.parts import Part
 from hydro_twin.fitting.port_signals import PREDICTED, predicted_by_ports
 from hydro_twin.fitting.whiteness import is_white
@@ -260,11 +260,11 @@ def finely(fit: Fit, parts: Sequence[Part], finest: int) -> Fit:
     candidate = fit.candidate
     while candidate.substeps < finest:
         finer = replace(candidate, substeps=2 * candidate.substeps)
-        starts = [(part.inputs, start.x, start.z, None, part.start) for part, start in
-                  zip(parts, initial_states(candidate, parts), strict=True)]
+        starts = initial_states(candidate, parts)
         change = rms(np.concatenate([
-            part.whitened(finer.system.run(*start) - candidate.system.run(*start))
-            for part, start in zip(parts, starts, strict=True)]))
+            part.whitened(then - now) for part, now, then in zip(parts, *(
+                runs(model, parts, starts.x, starts.z) for model in (candidate, finer)),
+                strict=True)]))
         if change < FINE * fit.error:
             break
         candidate = finer

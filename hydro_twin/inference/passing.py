@@ -35,9 +35,9 @@ def passing(candidate: Model, placed: Placed, part: Part) -> Passing:
                      key=lambda p: candidate.plant.ports.index(p.port))
     e, port = ordered.index(placed), candidate.plant.ports.index(placed.port)
     m = len(s.step.shift)
-    (start,), work = initial_states(candidate, [part]), s.work()
+    start, work = initial_states(candidate, [part]), s.work()
     period = round(1e9 * candidate.sample_time)
-    x, z = start.x.copy(), start.z.copy()
+    x, z = start.x[0], start.z[0]
     u, d = work[1, :m], work[5, :len(candidate.plant.ports)]
     seen = np.empty((len(part.inputs), len(s.step.H)))
     added, y = np.empty(len(seen)), np.empty(len(seen))

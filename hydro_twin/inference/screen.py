@@ -153,13 +153,13 @@ class _Without:
     """A model before an effect is added: its states at the starts, and what it misses, (N,)."""
 
     candidate: Model
-    states: list[FloatArray]
+    states: FloatArray
     residual: FloatArray
 
 
 def _without(fit: Fit, parts: Sequence[Part]) -> _Without:
     """Run a fitted model as `_response` runs it with an effect."""
-    states = [start.x for start in initial_states(fit.candidate, parts)]
+    states = initial_states(fit.candidate, parts).x
     return _Without(fit.candidate, states,
                     np.concatenate(residuals_from(fit.candidate, parts, states)))
 

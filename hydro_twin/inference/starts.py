@@ -79,7 +79,7 @@ def nearest(models: Sequence[Model], parts: Sequence[Part]) -> list[Model]:
     best: dict[tuple[str, str], tuple[float, Model]] = {}
     for model in models:
         tried = with_each(model, parts)
-        states = [start.x for start in initial_states(model, parts)]
+        states = initial_states(model, parts).x
         for candidate, misses in zip(
                 tried, in_processes(partial(_missed, parts=parts, states=states), tried),
                 strict=True):
@@ -90,7 +90,7 @@ def nearest(models: Sequence[Model], parts: Sequence[Part]) -> list[Model]:
     return [candidate for _, candidate in best.values()]
 
 
-def _missed(candidate: Model, parts: Sequence[Part], states: Sequence[FloatArray]) -> float:
+def _missed(candidate: Model, parts: Sequence[Part], states: FloatArray) -> float:
     """RMS of the residual from given initial states, 1e30 where the run diverges."""
     return rms(np.nan_to_num(np.concatenate(residuals_from(candidate, parts, states)), nan=1e30))
 

@@ -294,6 +294,33 @@ def run_each(step, x, z, work, inputs, which, y, seen):  # type: ignore[no-untyp
 
 
 @compiled
+def run_stretches(step, x, z, work, inputs, y, seen, stretches):  # type: ignore[no-untyped-def]
+    """Fill y (N,) by runs over parts that follow one another in the inputs (N, m).
+
+    Stretches as in sensitivities.py; x (P, n) and z (P, memory) of the parts are moved.
+    """
+    for r in range(len(stretches)):
+        part, begin, end = stretches[r, 0], stretches[r, 1], stretches[r, 2]
+        first, last = stretches[r, 3], stretches[r, 4]
+        if first > 0 and y[begin + first - 1] != y[begin + first - 1]:
+            y[begin + first:begin + last] = float('nan')
+        else:
+            run(step, x[part], z[part], work, inputs[begin:end], y[begin:end], seen, first, last)
+
+
+@compiled
+def output_each(step, x, z, work, inputs, y):  # type: ignore[no-untyped-def]
+    """Fill y (K,) with the output under inputs (K, m) in each state x (K, n) with memory z.
+
+    The memory (K, memory) becomes what the effects keep after that.
+    """
+    for k in range(len(y)):
+        y[k] = output(step, x[k], z[k], work, inputs[k:k + 1], 0, True)
+        for i in range(z.shape[1]):
+            z[k, i] = work[6, i]
+
+
+@compiled
 def eq_1(a, b, past, inputs, k):  # type: ignore[no-untyped-def]
     """Eq. 1 at sample k, from past[k-1], ..., past[k-n] and inputs[k], ..., inputs[k-n]."""
     value = 0.0

@@ -5,7 +5,6 @@ The runs are those of the kernel, to the last digit.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from itertools import groupby, pairwise
 
 import numpy as np
 
@@ -21,7 +20,7 @@ from hydro_twin.predictors.step_derivatives import (
     read_sensor,
     rows_for,
 )
-from hydro_twin.predictors.system import System
+from hydro_twin.predictors.system import IntArray, System
 from hydro_twin.predictors.tangents import Directions, lasting, split_rows, Tangent
 
 UNBOUNDED = 1e50        # of a derivative: its products in a fit would overflow
@@ -82,49 +81,45 @@ def bound(dy, edges, limit):  # type: ignore[no-untyped-def]
 
 
 def run_parts_with_slopes(
-    system: System, by: Directions, tangents: Sequence[Tangent], inputs: Sequence[FloatArray],
-    x: Sequence[FloatArray], z: Sequence[FloatArray], starts: Sequence[int | None],
+    system: System, by: Directions, tangents: Sequence[Tangent], inputs: FloatArray,
+    edges: IntArray, x: FloatArray, z: FloatArray, starts: Sequence[int | None] = (),
     sensors: Sequence[str] = (),
-) -> list[tuple[FloatArray, FloatArray]]:
-    """Run freely over parts, each from its state and memory, with derivatives.
+) -> tuple[FloatArray, FloatArray]:
+    """Run freely over P parts that follow one another, with derivatives.
 
     Args:
         system: what is run.
         by: the unknowns.
         tangents: of each of its stages by these and by the state at the start, see `tangent_of`.
-        inputs: of each part, (N, m).
-        x: the state at the start of each, (n,).
-        z: what the effects keep there, (memory,).
-        starts: stamp of the first sample of each [ns]; None stands for now.
+        inputs: of all parts, (N, m).
+        edges: where each part begins there, and where the last one ends, (P + 1,).
+        x: the states at their starts, (P, n).
+        z: what the effects keep there, (P, memory).
+        starts: stamp of the first sample of each [ns]; None, or none at all, stands for now.
         sensors: names of K that are wanted beside the output.
 
     Returns:
-        Of each part output and sensors, (1 + K, N), and their derivatives, (1 + K, N, D): by the
-        unknowns, by x and by z. Zero for what does not last, and for what grows without bound, as
+        Output and sensors, (N, 1 + K), and their derivatives, (N, 1 + K, D): by the unknowns, by x
+        and by z of the part. Zero for what does not last, and for what grows without bound, as
         under laws that are not stable.
     """
-    n, kept = len(x[0]), lasting(system)
+    n, kept = x.shape[1], lasting(system)
     columns = np.zeros((n + system.memory, by.count + n + len(kept)))
     columns[:n, by.count:by.count + n] = np.eye(n)
     columns[n + kept, by.count + n:] = np.eye(len(kept))
-    template = in_rows(columns)
-    edges = np.cumsum([0, *map(len, inputs)])
-    every, read = np.concatenate(inputs), system.sensor_rows(sensors)
-    y, dy = np.empty((edges[-1], 1 + len(read))), np.empty(
-        (edges[-1], 1 + len(read), columns.shape[1]))
-    states, memories = np.array(x), np.array(z)
+    template, read = in_rows(columns), system.sensor_rows(sensors)
+    y, dy = np.empty((len(inputs), 1 + len(read))), np.empty(
+        (len(inputs), 1 + len(read), columns.shape[1]))
+    states, memories = x.copy(), z.copy()
     blocks, g, work = rows_for(system, template.shape[1]), partials(system), system.work()
-    stages, parts = system.stages, list(pairwise(edges.tolist()))
-    stretches = [(k, part, begin, end, first, last)
-                 for part, ((begin, end), start) in enumerate(zip(parts, starts, strict=True))
-                 for k, first, last in system.stretches(end - begin, start)]
-    for k, some in groupby(stretches, key=lambda stretch: stretch[0]):
+    stages = system.stages
+    for k, stretches in system.stretches_of(edges, starts):
         run_stretches(stages[k].step, tangents[k], states, memories, template, work, blocks, g,
-                      every, read, y, dy, np.array([one[1:] for one in some]))
+                      inputs, read, y, dy, stretches)
     bound(dy, edges, UNBOUNDED)
     if len(kept) < system.memory:
         slopes = np.zeros((*dy.shape[:2], by.count + n + system.memory))
         slopes[..., :by.count + n] = dy[..., :by.count + n]
         slopes[..., by.count + n + kept] = dy[..., by.count + n:]
         dy = slopes
-    return [(y[begin:end].T, dy[begin:end].transpose(1, 0, 2)) for begin, end in parts]
+    return y, dy

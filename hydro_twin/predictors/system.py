@@ -4,6 +4,7 @@ from __future__ import annotations
 from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
+from itertools import groupby, pairwise
 import math
 from typing import Any
 
@@ -100,28 +101,42 @@ class System:
         return np.zeros((8, max(self.step.M.shape[1], self.memory)))
 
     def start(self, inputs: FloatArray, output: float) -> FloatArray:
-        """Return the state at rest, shape (n,), that gives this output under these inputs (m,).
+        """Return the state at rest, shape (n,), that gives this output under these inputs (m,)."""
+        x: FloatArray = self.at_rest(inputs[None, :], np.array([output]))[0]
+        return x
+
+    def at_rest(self, inputs: FloatArray, outputs: FloatArray) -> FloatArray:
+        """Return the states at rest that give K outputs under as many inputs (K, m), (K, n).
 
         What effects add to the output, as a bias of the sensor or a coupling that stiffens does,
         is allowed for, by Newton's method.
         """
         rest = [self.plant.states.index(name) for name in self.plant.at_rest]
         rows = np.vstack([self.laws.A[rest], self.laws.C])
-        right = np.concatenate([-self.laws.B[rest] @ inputs, -self.laws.D @ inputs])
-        origin, per_output = np.linalg.solve(rows, np.stack([right, np.eye(len(rows))[-1]])[
-            ..., None])[..., 0]
-        linear = output                     # the output by the linear laws only
-        for _ in range(NEWTON if len(self.step.active) else 0):
-            step = 1e-6 * max(abs(linear), abs(output), 1e-9)
-            y, beyond = (kernel.output(
-                self.step, origin + at * per_output, np.zeros(self.memory), self.work(),
-                inputs[None, :], 0, False)
-                for at in (linear, linear + step))
-            if not abs(y - output) > 1e-9 * abs(output):
+        right = -inputs @ np.concatenate([self.laws.B[rest], self.laws.D]).T
+        found = np.linalg.solve(rows, np.vstack([right, np.eye(len(rows))[-1]]).T).T
+        origin, per_output = found[:-1], found[-1]
+        linear = outputs.copy()             # the output by the linear laws only
+        left = np.arange(len(outputs) if len(self.step.active) else 0)
+        for _ in range(NEWTON):
+            if not len(left):
                 break
-            linear -= (y - output) / max((beyond - y) / step, 1.0)
-        x: FloatArray = origin + linear * per_output
+            at, wanted = linear[left], outputs[left]
+            step = 1e-6 * np.maximum(np.maximum(abs(at), abs(wanted)), 1e-9)
+            y, beyond = (self._outputs(inputs[left], origin[left] + value[:, None] * per_output)
+                         for value in (at, at + step))
+            apart = abs(y - wanted) > 1e-9 * abs(wanted)
+            linear[left] = np.where(
+                apart, at - (y - wanted) / np.maximum((beyond - y) / step, 1.0), at)
+            left = left[apart]
+        x: FloatArray = origin + linear[:, None] * per_output
         return x
+
+    def _outputs(self, inputs: FloatArray, x: FloatArray) -> FloatArray:
+        """Return the outputs in K states (K, n), where the effects keep nothing, (K,)."""
+        y = np.empty(len(x))
+        kernel.output_each(self.step, x, np.zeros((len(x), self.memory)), self.work(), inputs, y)
+        return y
 
     def free_response(self, samples: int) -> FloatArray:
         """How the output moves with the state at the start, linear laws, (samples, n)."""
@@ -174,23 +189,63 @@ class System:
                         which, y, np.empty((0, 0)))
         return y
 
+    def run_parts(self, inputs: FloatArray, edges: IntArray, x: FloatArray,
+                  z: FloatArray | None = None, starts: Sequence[int | None] = ()) -> FloatArray:
+        """Run freely over P parts that follow one another, each from its own state.
+
+        Args:
+            inputs: of all parts, (N, m).
+            edges: where each part begins there, and where the last one ends, (P + 1,).
+            x: the states, (P, n).
+            z: what the effects keep, (P, memory); by default zeros.
+            starts: stamp of the first sample of each [ns]; by default now.
+
+        Returns:
+            The outputs, (N,), nan from where a run diverges.
+        """
+        x = x.copy()
+        z = np.zeros((len(x), self.memory)) if z is None else z.copy()
+        y, stages, work = np.empty(len(inputs)), self.stages, self.work()
+        for k, stretches in self.stretches_of(edges, starts):
+            kernel.run_stretches(stages[k].step, x, z, work, inputs, y, np.empty((0, 0)),
+                                 stretches)
+        return y
+
+    def stretches_of(self, edges: IntArray, starts: Sequence[int | None] = ()
+                     ) -> Iterator[tuple[int, IntArray]]:
+        """Divide runs over parts that follow one another among the stages that hold in them.
+
+        Yields:
+            Index of a stage, and some stretches of it: of each its part, where that begins and
+            ends, and its first sample there and the one after its last, (R, 5).
+        """
+        every = [(k, part, begin, end, first, last)
+                 for part, ((begin, end), start) in enumerate(zip(
+                     pairwise(edges.tolist()), starts or [None] * (len(edges) - 1), strict=True))
+                 for k, first, last in self.stretches(end - begin, start)]
+        for k, some in groupby(every, key=lambda one: one[0]):
+            yield k, np.array([one[1:] for one in some])
+
     def kept(self, inputs: FloatArray, x: FloatArray) -> FloatArray:
-        """Return between what the effects may keep at the start of a run, (memory, 2).
+        """Return between what the effects may keep at the starts of K runs, (K, memory, 2).
 
         What hangs behind, as the follower of a play, may be anywhere between two edges, to which
         its law takes what is beyond. What an implicit effect keeps is over soon: zero.
+
+        Args:
+            inputs: of the first sample of each run, (K, m).
+            x: its state, (K, n).
         """
-        z = np.zeros((2, self.memory))
-        for effect in self.step.effects:
-            if effect['z_end'] > effect['z_begin'] and not effect['implicit']:
-                z[:, effect['z_begin']] = -BEYOND, BEYOND
-        if not z.any():
-            return z.T
-        for edge in z:
-            work = self.work()
-            kernel.output(self.step, x, edge.copy(), work, inputs[None, :], 0, True)
-            edge[:] = np.where(edge == 0.0, 0.0, work[6, :self.memory])
-        return z.T
+        kept = [effect['z_begin'] for effect in self.step.effects
+                if effect['z_end'] > effect['z_begin'] and not effect['implicit']]
+        edges = np.zeros((len(x), self.memory, 2))
+        if kept:
+            for side, beyond in enumerate((-BEYOND, BEYOND)):
+                z = np.zeros((len(x), self.memory))
+                z[:, kept] = beyond
+                kernel.output_each(self.step, x, z, self.work(), inputs, np.empty(len(x)))
+                edges[:, kept, side] = z[:, kept]
+        return edges
 
 
 def discretise(laws: Laws, h: float) -> FloatArray:

@@ -125,8 +125,9 @@ def test_derivatives_of_a_run(parameters):
     tangents = tangents_of(candidate.system,
                            lambda stage: problem.directions(candidate, stage)[0])
     x = np.zeros(LOAD.order)
-    ((y,), (found,)), = run_parts_with_slopes(
-        candidate.system, by, tangents, [part.inputs], [x], [np.zeros(0)], [part.start])
+    y, found = (some[:, 0] for some in run_parts_with_slopes(
+        candidate.system, by, tangents, part.inputs, np.array([0, len(part.inputs)]), x[None],
+        np.zeros((1, 0)), [part.start]))
     np.testing.assert_array_equal(y, candidate.system.run(part.inputs, x, start=part.start))
     at, slopes = np.array([u.coordinate(get(candidate, u)) for u in unknowns]), found[:, :by.count]
     for column, k in enumerate(order):

@@ -9,7 +9,7 @@ import pytest
 from hydro_twin.fitting.output_error import initial_states, residuals
 from hydro_twin.fitting.parts import Part, parts_of
 from hydro_twin.fitting.problem import Problem
-from hydro_twin.fitting.start import without_start
+from hydro_twin.fitting.start import without_starts
 from hydro_twin.fitting.unknowns import effect_unknowns, plant_unknowns
 from hydro_twin.model import Model, place
 from hydro_twin.plants import plant_named
@@ -36,8 +36,8 @@ def test_a_part_that_begins_in_motion_starts_in_motion(effects, velocity):
     """Also where friction would hold it at rest, so that no small push tells anything."""
     candidate = axis(*effects)
     part = run_from(candidate, [velocity, 0.2])
-    start, = initial_states(candidate, [part])
-    assert start.x == pytest.approx([velocity, 0.2], rel=0.02)
+    start = initial_states(candidate, [part])
+    assert start.x[0] == pytest.approx([velocity, 0.2], rel=0.02)
     assert residuals(candidate, [part])[0] == pytest.approx(0.0, abs=0.01 * np.ptp(part.measured))
 
 
@@ -47,7 +47,7 @@ def test_what_sticks_starts_at_rest_whatever_the_noise():
     assert np.ptp(part.measured) == 0.0
     noisy = Part(part.inputs, part.measured + 1e-4 * np.random.default_rng(0).standard_normal(
         len(part.measured)))
-    assert initial_states(candidate, [noisy])[0].x == pytest.approx([0.0, 0.2], abs=2e-4)
+    assert initial_states(candidate, [noisy]).x[0] == pytest.approx([0.0, 0.2], abs=2e-4)
 
 
 def shaft(*effect):
@@ -81,21 +81,21 @@ def test_the_starts_of_parts_are_those_of_each_by_itself():
              for part in parts_of(Recording((recorded.part(begin, begin + length),)),
                                   candidate.plant)]
     together = initial_states(candidate, parts)
-    for part, start in zip(parts, together, strict=True):
-        alone, = initial_states(candidate, [part])
-        assert start.x == pytest.approx(alone.x, rel=1e-9, abs=1e-300)
-        assert start.z == pytest.approx(alone.z, rel=1e-9, abs=1e-300)
+    for k, part in enumerate(parts):
+        alone = initial_states(candidate, [part])
+        assert together.x[k] == pytest.approx(alone.x[0], rel=1e-9, abs=1e-300)
+        assert together.z[k] == pytest.approx(alone.z[0], rel=1e-9, abs=1e-300)
 
 
 def test_a_start_that_still_does_is_kept_and_another_is_searched_anew():
     candidate = axis(('friction', 'motor', {'coulomb': 20.0}))
     part = run_from(candidate, [0.1, 0.2])
     found = initial_states(candidate, [part])
-    kept, = initial_states(candidate, [part], found)
-    assert (kept.x == found[0].x).all()
-    far = [found[0]._replace(x=np.add(found[0].x, [0.0, 0.1]), missed=1e-9)]
-    anew, = initial_states(candidate, [part], far)
-    assert anew.x == pytest.approx(found[0].x, rel=1e-6)
+    kept = initial_states(candidate, [part], found)
+    assert (kept.x == found.x).all()
+    far = replace(found, x=found.x + np.array([0.0, 0.1]), missed=np.array([1e-9]))
+    anew = initial_states(candidate, [part], far)
+    assert anew.x[0] == pytest.approx(found.x[0], rel=1e-6)
 
 
 def test_within_a_gap_the_start_is_told_by_the_side_that_is_met():
@@ -112,10 +112,15 @@ def test_within_a_gap_the_start_is_told_by_the_side_that_is_met():
     assert np.std(residuals(candidate, [part])[0]) < 0.01 * np.std(measured)
 
 
+def one_part(samples):
+    """Say where a part begins, is scored from, and ends."""
+    return np.array([[0, 50, samples]])
+
+
 def test_states_that_the_first_samples_do_not_tell_apart_are_left_alone():
     """As those of a plant at an end stop: the start is met exactly, and nothing later."""
     missed = np.concatenate([np.full(50, 1e-9), np.linspace(1.0, 2.0, 100)])
-    rest = without_start(missed, np.ones((150, 2)), np.ones(2), 50)[0]
+    rest = without_starts(missed, np.ones((150, 2)), np.ones(2), one_part(150)).residual
     np.testing.assert_allclose(rest, missed[50:], rtol=1e-6)
 
 
@@ -124,15 +129,17 @@ def test_what_an_effect_keeps_explains_no_more_than_it_has_room_for():
     ramp = np.linspace(0.0, 1.0, 200)
     by_start = np.column_stack([np.ones(200), 50.0 * ramp])      # a state, and a memory
     missed = 3.0 * ramp                                          # as of a memory of 0.06
-    free = without_start(missed, by_start, np.ones(1), 50)
+    free = without_starts(missed, by_start, np.ones(1), one_part(200))
     assert rms(free.residual) < 1e-3
-    assert free.change[1] == pytest.approx(0.06, rel=1e-3)
-    narrow = without_start(missed, by_start, np.ones(1), 50, room=np.array([[-0.01, 0.02]]))
-    assert narrow.change[1] == pytest.approx(0.02)
+    assert free.change[0, 1] == pytest.approx(0.06, rel=1e-3)
+    narrow = without_starts(missed, by_start, np.ones(1), one_part(200),
+                            room=np.array([[[-0.01, 0.02]]]))
+    assert narrow.change[0, 1] == pytest.approx(0.02)
     left = (missed - 1.0 * ramp)[50:]                            # 50 * 0.02 is explained
     assert rms(narrow.residual) <= rms(left)
     assert rms(narrow.residual) > 0.5 * rms(left)
-    wide = without_start(missed, by_start, np.ones(1), 50, room=np.array([[-0.1, 0.1]]))
+    wide = without_starts(missed, by_start, np.ones(1), one_part(200),
+                          room=np.array([[[-0.1, 0.1]]]))
     np.testing.assert_allclose(wide.residual, free.residual, atol=1e-12)
 
 
@@ -140,10 +147,10 @@ def test_a_memory_at_its_edge_moves_with_no_parameter():
     """What other unknowns do to the output is then not explained by it either."""
     ramp = np.linspace(0.0, 1.0, 200)
     by_start, others = (50.0 * ramp)[:, None], (2.0 * ramp)[:, None]
-    room = np.array([[-0.01, 0.02]])
-    held = without_start(3.0 * ramp, by_start, np.zeros(0), 50, others, room=room)
+    room = np.array([[[-0.01, 0.02]]])
+    held = without_starts(3.0 * ramp, by_start, np.zeros(0), one_part(200), others, room=room)
     np.testing.assert_allclose(held.slopes, others[50:])
-    free = without_start(0.5 * ramp, by_start, np.zeros(0), 50, others, room=room)
+    free = without_starts(0.5 * ramp, by_start, np.zeros(0), one_part(200), others, room=room)
     assert rms(free.slopes) < 1e-3
 
 

@@ -45,14 +45,13 @@ def test_the_free_run_is_filtered_as_scipy_does():
 
 @pytest.mark.parametrize('found', [
     lambda parts: fitted_residuals(MODEL, parts),
-    lambda parts: residuals_from(MODEL, parts,
-                                 [start.x for start in initial_states(MODEL, parts)])])
+    lambda parts: residuals_from(MODEL, parts, initial_states(MODEL, parts).x)])
 def test_the_start_is_eliminated_after_the_filter(found):
     """The least squares problem of the filtered rows, weighted as if all counted alike."""
     plain = replace(part(1, 0.98), filters=(WALK,))
     n = MODEL.start_up
-    start, = initial_states(MODEL, [plain])
-    missed = lfilter(WALK, [1.0], plain.measured - MODEL.system.run(plain.inputs, start.x))
+    x, = initial_states(MODEL, [plain]).x
+    missed = lfilter(WALK, [1.0], plain.measured - MODEL.system.run(plain.inputs, x))
     rows = lfilter(WALK, [1.0], MODEL.system.free_response(len(missed)), axis=0)
     first = np.sqrt(np.mean(missed[:n] ** 2))
     weight = np.where(np.arange(len(missed)) < n,

@@ -2,6 +2,7 @@
 from __future__ import annotations
 
 import itertools
+from itertools import pairwise
 
 import numpy as np
 import pytest
@@ -81,8 +82,9 @@ def unknowns_of(candidate):
 
 def of_one_part(system, by, tangents, inputs, x, z, start=None, sensors=()):
     """Run over one part; returns output and sensors, and their derivatives."""
-    one, = run_parts_with_slopes(system, by, tangents, [inputs], [x], [z], [start], sensors)
-    return one
+    y, slopes = run_parts_with_slopes(system, by, tangents, inputs, np.array([0, len(inputs)]),
+                                      x[None], z[None], [start], sensors)
+    return y.T, slopes.transpose(1, 0, 2)
 
 
 def differences(run, at, steps):
@@ -196,13 +198,18 @@ def test_parts_run_together_as_each_by_itself(effects):
     tangents = tangents_of(system, lambda _: by)
     inputs = [moved(plant)[:80], 1e30 * moved(plant)[:50], moved(plant)]
     rng = np.random.default_rng(2)
-    x = [1e-3 * rng.standard_normal(plant.order) for _ in inputs]
-    z = [1e-4 * rng.standard_normal(system.memory) for _ in inputs]
-    starts = [0, 300_000_000, None]
-    together = run_parts_with_slopes(system, by, tangents, inputs, x, z, starts, ['p_L'])
-    for k, (y, slopes) in enumerate(together):
+    x = 1e-3 * rng.standard_normal((len(inputs), plant.order))
+    z = 1e-4 * rng.standard_normal((len(inputs), system.memory))
+    starts, edges = [0, 300_000_000, None], np.cumsum([0, *map(len, inputs)])
+    together = run_parts_with_slopes(system, by, tangents, np.concatenate(inputs), edges, x, z,
+                                     starts, ['p_L'])
+    plain = system.run_parts(np.concatenate(inputs), edges, x, z, starts)
+    for k, (begin, end) in enumerate(pairwise(edges)):
+        y, slopes = (some[begin:end] for some in together)
         alone = of_one_part(system, by, tangents, inputs[k], x[k], z[k], starts[k], ['p_L'])
-        np.testing.assert_array_equal(y, alone[0])
-        np.testing.assert_array_equal(slopes, alone[1])
-    assert np.isnan(together[1][0][0, -1])
-    assert np.isfinite(together[2][0]).all()
+        np.testing.assert_array_equal(y.T, alone[0])
+        np.testing.assert_array_equal(slopes.transpose(1, 0, 2), alone[1])
+        np.testing.assert_array_equal(plain[begin:end], system.run(
+            inputs[k], x[k], z[k], start=starts[k]))
+    assert np.isnan(together[0][edges[2] - 1, 0])
+    assert np.isfinite(together[0][edges[2]:]).all()
