@@ -89,8 +89,9 @@ def harmless_factor(fit: Fit, parts: Sequence[Part], recorded: int) -> int:
     while factor < COARSEST and factor * ENOUGH < recorded:
         coarse = resampled(candidate, 2 * factor * candidate.sample_time)
         changes = []
-        for part, x, thinned in zip(parts, initial_states(candidate, parts).x,
-                                        thin(parts, candidate.plant, 2 * factor), strict=True):
+        states = initial_states(candidate, parts).x
+        for part, x, thinned in zip(
+                parts, states, thin(parts, candidate.plant, 2 * factor), strict=True):
             there = coarse.system.run(thinned.inputs, x)
             changes.append(candidate.system.run(part.inputs, x)[::2 * factor][:len(there)]
                            - there)
