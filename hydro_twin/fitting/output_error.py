@@ -6,12 +6,11 @@ from collections.abc import Sequence
 import numpy as np
 
 from hydro_twin.fitting.beginnings import Beginnings, find_starts
-from hydro_twin.fitting.parts import Part
+from hydro_twin.fitting.parts import edges_of, Part
 from hydro_twin.fitting.start import Starts, without_starts
 from hydro_twin.model import Model
 from hydro_twin.plants.plant import FloatArray
 from hydro_twin.predictors.sensitivities import run_parts_with_slopes
-from hydro_twin.predictors.system import IntArray
 from hydro_twin.predictors.tangents import NONE, tangents_of
 
 
@@ -49,11 +48,6 @@ def usual_response(model: Model) -> FloatArray:
     return response
 
 
-def edges_of(parts: Sequence[Part]) -> IntArray:
-    """Return where each part begins if they follow one another, and where the last one ends."""
-    return np.cumsum([0, *(len(part.measured) for part in parts)])
-
-
 def free_run(model: Model, part: Part, seen: FloatArray | None = None) -> FloatArray:
     """Run freely over a part, from the state that its first samples show; (N,).
 
@@ -72,7 +66,7 @@ def residuals(model: Model, parts: Sequence[Part]) -> list[FloatArray]:
 def runs(model: Model, parts: Sequence[Part], x: FloatArray, z: FloatArray | None = None
          ) -> list[FloatArray]:
     """Run freely over each part (N,), from given states (P, n) and what the effects keep there."""
-    edges = edges_of(parts)
+    edges = edges_of(len(part.measured) for part in parts)
     y = model.system.run_parts(np.concatenate([part.inputs for part in parts]), edges, x, z,
                                [part.start for part in parts])
     return np.split(y, edges[1:-1])
@@ -90,7 +84,8 @@ def fitted_residuals(model: Model, parts: Sequence[Part]) -> list[FloatArray]:
 
     See `without_starts`. What is not fitted has only its first samples to go by.
     """
-    starts, edges = initial_states(model, parts), edges_of(parts)
+    starts = initial_states(model, parts)
+    edges = edges_of(len(part.measured) for part in parts)
     tangents = tangents_of(model.system, lambda _: NONE)
     y, slopes = run_parts_with_slopes(
         model.system, NONE, tangents, np.concatenate([part.inputs for part in parts]), edges,
@@ -121,9 +116,8 @@ def residuals_from(model: Model, parts: Sequence[Part], states: FloatArray) -> l
 def _left(model: Model, missed: Sequence[FloatArray], by_start: Sequence[FloatArray],
           room: FloatArray | None = None) -> list[FloatArray]:
     """Eliminate the states at the starts of parts, and return what is left of each."""
-    lengths = np.array([len(one) for one in missed])
-    begins = np.cumsum(lengths) - lengths
+    edges = edges_of(map(len, missed))
     left = without_starts(
         np.concatenate(missed), np.concatenate(by_start), usual_response(model),
-        np.column_stack([begins, begins + model.start_up, begins + lengths]), room=room)
+        np.column_stack([edges[:-1], edges[:-1] + model.start_up, edges[1:]]), room=room)
     return np.split(left.residual, left.edges[1:-1])

@@ -18,7 +18,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from hydro_twin.fitting.autoregression import filtered
-from hydro_twin.fitting.parts import Part, SCORED
+from hydro_twin.fitting.parts import edges_of, Part, SCORED
 from hydro_twin.plants import Plant
 from hydro_twin.plants.plant import FloatArray
 from hydro_twin.predictors.analytical import Analytical
@@ -119,30 +119,28 @@ class Layout:
     def of(cls, parts: Sequence[Part], stacks: Sequence[Stack]) -> Layout:
         """Lay out parts that are stacked."""
         lengths = [len(part.measured) for part in parts]
-        edges = np.cumsum([0, *lengths])
+        edges = edges_of(lengths)
         rows = []
         for stack, length, begin in zip(stacks, lengths, edges.tolist(), strict=False):
             output, sample = np.divmod(stack.rows, length)
             rows.append((begin + sample) * len(stack.measured) + output)
-        counts = np.array([len(some) for some in rows])
-        begins = np.cumsum(counts) - counts
+        begins = edges_of(map(len, rows))
         return cls(np.concatenate([part.inputs for part in parts]),
                    np.concatenate([stack.measured.T for stack in stacks]), edges,
                    np.concatenate(rows), np.column_stack([
-                       begins, begins + [stack.first for stack in stacks], begins + counts]))
+                       begins[:-1], begins[:-1] + [stack.first for stack in stacks], begins[1:]]))
 
     def at(self, parts: IntArray) -> Layout:
         """Lay out some of the parts, each once and in their order."""
         if len(parts) == len(self.of_parts):
             return self
         samples = [np.arange(self.edges[k], self.edges[k + 1]) for k in parts]
-        edges = np.cumsum([0, *map(len, samples)])
+        edges = edges_of(map(len, samples))
         spans, width = self.of_parts[parts], self.measured.shape[1]
         rows = np.concatenate([
             self.rows[begin:end] + width * (now - self.edges[k])
             for k, (begin, _, end), now in zip(parts, spans, edges.tolist(), strict=False)])
-        counts = spans[:, 2] - spans[:, 0]
-        begins = np.cumsum(counts) - counts
+        begins = edges_of(spans[:, 2] - spans[:, 0])[:-1]
         every = np.concatenate(samples)
         return Layout(self.inputs[every], self.measured[every], edges, rows,
                       spans - spans[:, :1] + begins[:, None])

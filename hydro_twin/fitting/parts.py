@@ -1,7 +1,7 @@
 """The stretches of a recording that a fit runs over."""
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 import math
@@ -14,6 +14,7 @@ from hydro_twin.plants import Plant
 from hydro_twin.plants.plant import FloatArray
 from hydro_twin.predictors.kernel import LIMIT
 from hydro_twin.predictors.scores import rms
+from hydro_twin.predictors.system import IntArray
 from hydro_twin.recording.series import Recording
 
 STILL = 0.1             # of the movement of a part: its start is longer where it moves less
@@ -110,6 +111,11 @@ def parts_of(recording: Recording, plant: Plant) -> list[Part]:
     if all(np.ptp(part.measured) == 0.0 for part in parts):
         raise DataError(f'{plant.output.name} never moves in the recording')
     return parts
+
+
+def edges_of(lengths: Iterable[int]) -> IntArray:
+    """Return where each of some pieces begins if they follow one another, and where all end."""
+    return np.cumsum([0, *lengths])
 
 
 def with_travel(*recorded: Sequence[Part]) -> list[list[Part]]:

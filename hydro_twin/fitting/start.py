@@ -7,6 +7,7 @@ from typing import NamedTuple
 import numpy as np
 
 from hydro_twin.compiled import compiled
+from hydro_twin.fitting.parts import edges_of
 from hydro_twin.plants.plant import FloatArray
 from hydro_twin.predictors.system import IntArray
 
@@ -129,7 +130,7 @@ def without_starts(missed: FloatArray, by_start: FloatArray, usual: FloatArray, 
                                  ).any(axis=1) & finite):
             moves[k] = _within(normal[k], right[k], within[k])
     moves = per * moves
-    edges = np.concatenate([[0], np.cumsum(late)])
+    edges = edges_of(late)
     left = np.empty((edges[-1], rows.shape[1] - s))
     take_off(rows, parts, moves, left)
     scored = np.concatenate([rows[begin:end, s] for _, begin, end in parts.tolist()])
