@@ -8,6 +8,7 @@ from scipy.linalg import expm
 
 from hydro_twin.effects.drift import factor, slopes
 from hydro_twin.fitting.fit import Fit
+from hydro_twin.fitting.output_error import initial_states
 from hydro_twin.fitting.parts import Part
 from hydro_twin.fitting.problem import Problem
 from hydro_twin.fitting.unknowns import effect_unknowns, get, plant_unknowns
@@ -111,6 +112,19 @@ def test_a_run_is_that_of_laws_that_vary(parameters):
 
 def candidate_of(parameters):
     return Model(LOAD, VALUES, T, (place('drift', 'K_ce', parameters, LOAD),), substeps=2)
+
+
+@pytest.mark.parametrize('begin', [BEGIN + 1.0, END + 20.0])
+def test_the_start_of_a_part_during_a_drift_or_after_it(begin):
+    """With an effect, whose states are searched by derivatives of the laws that hold then."""
+    friction = place('friction', 'motor', {'coulomb': 5.0}, LOAD)
+    drifting = Model(LOAD, VALUES, T, (friction, place('drift', 'J', STRAIGHT, LOAD)), substeps=2)
+    inputs, stamp = inputs_of(600), round(1e9 * begin)
+    measured = drifting.system.run(inputs, np.full(LOAD.order, 1e-3), start=stamp)
+    part = Part(inputs, measured, start=stamp)
+    stage = drifting.system.at(stamp)
+    alone = initial_states(replace(drifting, values=stage.values, effects=(friction,)), [part])
+    np.testing.assert_allclose(initial_states(drifting, [part]).x, alone.x, rtol=1e-6, atol=1e-9)
 
 
 @pytest.mark.parametrize('parameters', [STRAIGHT, ALL])
