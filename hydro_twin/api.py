@@ -257,7 +257,7 @@ def trace(data: Data, model: Model | None = None, seed: int = 0, *,
     prepare(tracing.__name__, 'hydro_twin.report.drawing')
     with show('tracing', None) as step:
         result = tracing.trace(data.recording, data.test, data.plant, data.rig.constants, model,
-                               seed, lambda _: step(), data.earlier)
+                               seed, step, data.earlier)
     return Trace(result, data.provenance(seed, command))
 
 

@@ -5,15 +5,24 @@ from collections.abc import Callable, Iterator
 from contextlib import AbstractContextManager, contextmanager
 import sys
 from time import monotonic
+from typing import Protocol
 
 LOGGED = 30.0           # s between two lines in a log
 
-# (what is being done, number of steps if known) -> a context that gives a function for each step
-Progress = Callable[[str, int | None], AbstractContextManager[Callable[[], None]]]
+
+class Step(Protocol):
+    """Is called after each step."""
+
+    def __call__(self, now: str = '', /) -> None:
+        """Take note of a step; `now` is what is done next, if that is worth saying."""
+
+
+# (what is being done, number of steps if known) -> a context that gives what each step calls
+Progress = Callable[[str, int | None], AbstractContextManager[Step]]
 
 
 @contextmanager
-def progress(what: str, total: int | None = None) -> Iterator[Callable[[], None]]:
+def progress(what: str, total: int | None = None) -> Iterator[Step]:
     """Show on standard error that something takes time: a bar, or lines now and then in a log.
 
     Args:
@@ -21,7 +30,7 @@ def progress(what: str, total: int | None = None) -> Iterator[Callable[[], None]
         total: number of steps; None if that is not known.
 
     Yields:
-        A function to call after each step.
+        What to call after each step.
     """
     from rich.console import Console
     from rich.progress import Progress
@@ -32,24 +41,29 @@ def progress(what: str, total: int | None = None) -> Iterator[Callable[[], None]
         return
     with Progress(console=console, transient=True) as bar:
         task = bar.add_task(what, total=total)
-        yield lambda: bar.advance(task)
+
+        def step(now: str = '', /) -> None:
+            bar.update(task, advance=1, description=f'{what}: {now}' if now else what)
+
+        yield step
 
 
-def _log(what: str) -> Callable[[], None]:
+def _log(what: str) -> Step:
     """Return what writes a line where the last one, or the begin, is a while ago."""
     begin = last = monotonic()
 
-    def step() -> None:
+    def step(now: str = '', /) -> None:
         nonlocal last
-        now = monotonic()
-        if now - last > LOGGED:
-            last = now
-            print(f'{what}, {now - begin:.0f} s', file=sys.stderr, flush=True)
+        at = monotonic()
+        if at - last > LOGGED:
+            last = at
+            stage = f': {now}' if now else ''
+            print(f'{what}, {at - begin:.0f} s{stage}', file=sys.stderr, flush=True)
 
     return step
 
 
 @contextmanager
-def silent(what: str, total: int | None = None) -> Iterator[Callable[[], None]]:    # noqa: ARG001
+def silent(what: str, total: int | None = None) -> Iterator[Step]:    # noqa: ARG001
     """Show nothing."""
-    yield lambda: None
+    yield lambda _='', /: None

@@ -37,6 +37,14 @@ def test_the_import_is_cheap():
     assert not {'numpy', 'scipy', 'hydro_twin.api', 'argparse'} & set(loaded)
 
 
+def test_what_only_a_trace_needs_is_imported_when_it_is_used():
+    code = 'import sys, hydro_twin.api; print(*sys.modules)'
+    loaded = subprocess.run([sys.executable, '-c', code], capture_output=True, text=True,
+                            check=True).stdout.split()
+    assert 'scipy.optimize' in loaded
+    assert not {'scipy.stats', 'scipy.signal', 'matplotlib', 'torch'} & set(loaded)
+
+
 def test_every_name_is_there():
     assert set(dir(ht)) == set(ht.__all__)
     assert all(getattr(ht, name).__doc__ for name in ht.__all__)

@@ -4,7 +4,8 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
-from scipy import linalg, ndimage, signal
+import scipy
+from scipy import linalg, ndimage
 
 from hydro_twin.plants.plant import FloatArray
 from hydro_twin.predictors.scores import rms
@@ -53,7 +54,8 @@ def effective_samples(stretches: Sequence[FloatArray]) -> float:
     products, counts = np.zeros(lags + 1), np.zeros(lags + 1)
     for r in stretches:
         reach = min(lags + 1, len(r))
-        products[:reach] += signal.correlate(r, r, method='fft')[len(r) - 1:len(r) - 1 + reach]
+        both_ways = scipy.signal.correlate(r, r, method='fft')
+        products[:reach] += both_ways[len(r) - 1:len(r) - 1 + reach]
         counts[:reach] += len(r) - np.arange(reach)
     if not products[0] > 0.0:
         return float(counts[0])

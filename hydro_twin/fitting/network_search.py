@@ -10,7 +10,7 @@ import json
 from pathlib import Path
 
 import numpy as np
-from scipy.stats import mannwhitneyu
+import scipy
 
 from hydro_twin.errors import UserError
 from hydro_twin.fitting.network import Job, Problem, train_many
@@ -146,7 +146,7 @@ def choose(scores: Mapping[Settings, Sequence[float]], regressors: int) -> Setti
         return size, float(np.mean(scores[settings]))
 
     best = min(scores, key=lambda settings: (key(settings)[1], key(settings)[0]))
-    return min((settings for settings in scores if settings == best or mannwhitneyu(
+    return min((settings for settings in scores if settings == best or scipy.stats.mannwhitneyu(
         scores[settings], scores[best]).pvalue > LEVEL), key=key)
 
 

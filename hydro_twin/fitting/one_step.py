@@ -6,8 +6,8 @@ from typing import Any
 
 import numpy as np
 import numpy.typing as npt
+import scipy
 from scipy.optimize import least_squares as bounded_least_squares
-from scipy.stats import qmc
 
 from hydro_twin.fitting.regression import Regression, regressors
 from hydro_twin.fitting.search import Objective, SearchResult
@@ -114,7 +114,7 @@ def least_squares(
         slope: FloatArray = derivative(coefficients, parameters(x)) @ M
         return X @ slope
 
-    drawn = qmc.Sobol(M.shape[1], rng=seed).random(SCREENED)
+    drawn = scipy.stats.qmc.Sobol(M.shape[1], rng=seed).random(SCREENED)
     begun = drawn[np.argsort(objective(parameters(drawn)), kind='stable')[:starts]]
     ends = np.array([
         bounded_least_squares(residual, x, jacobian, bounds=(0.0, 1.0), ftol=PRECISION,

@@ -5,7 +5,7 @@ from collections.abc import Sequence
 from itertools import pairwise
 
 import numpy as np
-from scipy import signal, stats
+import scipy
 
 from hydro_twin.fitting.fit import Fit
 from hydro_twin.fitting.output_error import free_run
@@ -47,7 +47,7 @@ def predicted_by_ports(fit: Fit, parts: Sequence[Part]) -> tuple[float, float]:
         lagged = [shapes]
         for lag in LAGS:
             share = 1.0 - np.exp(-sample_time / lag)
-            lagged.append(signal.lfilter([share], [1.0, share - 1.0], shapes, axis=0))
+            lagged.append(scipy.signal.lfilter([share], [1.0, share - 1.0], shapes, axis=0))
         pieces.append(part.whitened(np.column_stack(lagged))[fit.candidate.start_up - 1:-1])
     held = fit.at_bound()
     free = [label(unknown) not in held for unknown in fit.unknowns]
@@ -113,8 +113,8 @@ def explained(columns: FloatArray, residual: FloatArray, basis: FloatArray
     power = float(residual @ residual)
     if power <= 0.0 or np.ptp(gains) <= 0.0:
         return weights, 0.0, 1.0
-    tests = (stats.ttest_1samp(gains, 0.0, alternative='greater'),
-             stats.wilcoxon(gains, alternative='greater'))
+    tests = (scipy.stats.ttest_1samp(gains, 0.0, alternative='greater'),
+             scipy.stats.wilcoxon(gains, alternative='greater'))
     return weights, float(gains.sum()) / power, min(1.0, 2.0 * len(RIDGES) * min(
         float(test.pvalue) for test in tests))
 

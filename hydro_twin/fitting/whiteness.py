@@ -4,7 +4,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
-from scipy import stats
+import scipy
 
 from hydro_twin.plants.plant import FloatArray
 
@@ -24,4 +24,4 @@ def is_white(stretches: Sequence[FloatArray]) -> bool:
         rho = np.array([centred[lag:] @ centred[:n - lag] for lag in range(1, LAGS + 1)]) / power
         statistic += n * (n + 2) * float(np.sum(rho**2 / (n - np.arange(1, LAGS + 1))))
         freedom += LAGS
-    return freedom == 0 or bool(statistic < stats.chi2.ppf(CONFIDENCE, freedom))
+    return freedom == 0 or bool(statistic < scipy.stats.chi2.ppf(CONFIDENCE, freedom))

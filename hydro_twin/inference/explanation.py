@@ -59,10 +59,10 @@ def explain(base: Fit, context: Context, known: Sequence[Model]) -> Explanation:
     """
     base, chain, _ = _grown(base, context, known)
     if is_coloured(chain.fit):
-        context.progress('coloured residual')
+        context.progress('repeating the search with coloured noise')
         if found := _by_likelihood(base, chain, context):
             return found
-    context.progress('free curve')
+    context.progress('trying free curves')
     return Explanation(base, *with_curve(chain, base, context))
 
 
@@ -87,7 +87,7 @@ def _by_likelihood(base: Fit, chain: Chain, context: Context) -> Explanation | N
     wider = widen(again, there, alternatives, white)
     if wider is not again:
         again = _supported(wider, there, white)
-    context.progress('free curve')
+    context.progress('trying free curves')
     again, found, replaced = with_curve(again, there, white)
     last = again.fit if found is None else found.fit
     if _ids(last) == _ids(chain.fit):

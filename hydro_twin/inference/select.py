@@ -131,6 +131,7 @@ def fit_alternatives(base: Fit, parts: Sequence[Part], times: tuple[float, float
         known: further starting points, each with one effect more than the base.
         most_error: what leaves more is not searched on, nor refined.
     """
+    progress(f'screening all effects{_beside(base.candidate.effects)}')
     prospects = screen(base, parts)
     reach = spans(base.candidate, parts)
     hiding = [with_effect(base.candidate, Placed(effect, port, tuple(values)))
@@ -152,6 +153,11 @@ def fit_alternatives(base: Fit, parts: Sequence[Part], times: tuple[float, float
     if dynamics and not cannot_be_noise(dynamics[0].fit.by_part):
         return best_by_criterion([one.fit for one in (*found, *dynamics)])
     return [*found[:1], *dynamics, *found[1:]] if delayed else found
+
+
+def _beside(effects: Sequence[Placed]) -> str:
+    """Say beside which effects others are tried."""
+    return ' beside ' + ' and '.join(one.effect.id for one in effects) if effects else ''
 
 
 def _divided(candidates: Sequence[Model], parts: Sequence[Part]
@@ -183,12 +189,14 @@ def race(candidates: Sequence[Model], parts: Sequence[Part],
     """
     problems = _problems([replace(candidate, substeps=min(candidate.substeps, SUBSTEPS))
                           for candidate in candidates], parts)
+    beside = _beside(candidates[0].effects[:-1]) if candidates else ''
     promises = []
     for problem, (here, leaves) in zip(problems, in_processes(Problem.linear_prediction, problems),
                                        strict=True):
         last = problem.base.effects[-1]
-        progress(f'{last.effect.id} at {last.port.name}')
+        progress(f'trying {last.effect.id} at {last.port.name}{beside}')
         promises.append((leaves, problem.fit(here)))
+    progress(f'fitting the best{beside}')
     ranked = at_each_place([fit for _, fit in sorted(promises, key=lambda one: one[0])])
     starts = [2 if rank < LEADING else int(fits[0].candidate.effects[-1].effect.hides)
               for rank, fits in enumerate(ranked)]

@@ -91,6 +91,7 @@ def _proven(chain: Chain, without: Fit, context: Context, refuted: frozenset[str
     """
     if not chain.findings:
         return chain
+    context.progress('testing each effect on held-out data')
     bare = context.without(chain.fit, chain.indices)
     if len(bare) == 1:
         bare = [min(bare[0], without, key=lambda fit: fit.cost)]

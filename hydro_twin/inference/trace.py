@@ -83,9 +83,9 @@ def trace(recording: Recording, test: Recording | None, plant: Plant,
     """
     found = evidence(recording, test, plant, constants, model, seed, progress)
     if earlier is not None and model is not None:
-        progress('earlier recordings')
+        progress('fitting the earlier recordings')
         found = _with_memory(found, model, earlier, seed)
-    progress('result')
+    progress('evaluating')
     return result_of(found)
 
 
@@ -163,7 +163,7 @@ def _search(train: Recording, test: Recording, plant: Plant,
     plant = plant.seen_by(sensors_in(whole, plant, plant.start_samples(sample_time)))
     fine = excerpt(whole, plant, sample_time)
     recorded = sum(len(part.measured) for part in whole)
-    progress('linear model')
+    progress('fitting the linear model')
     plain = None
     if model is None:
         plain = fit_linear(plant, whole if recorded <= AT_LAST else fine,
@@ -198,7 +198,7 @@ def _search(train: Recording, test: Recording, plant: Plant,
         chain = Chain(base) if chain.fit is first else chain
     after = chain.fit
     if factor > 1:
-        progress('all samples')
+        progress('fitting all samples')
         named = after is not base
         base = _as_recorded(base, sample_time, fine)
         if plain:

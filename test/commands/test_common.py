@@ -72,6 +72,6 @@ def test_progress_goes_to_standard_error(capsys, monkeypatch):
     seconds = iter([0.0, 29.0, 31.0, 60.0, 62.5])
     monkeypatch.setattr('hydro_twin.progress.monotonic', lambda: next(seconds))
     with progress('fitting', total=4) as advance:
-        for _ in range(4):
-            advance()
-    assert capsys.readouterr() == ('', 'fitting, 31 s\nfitting, 62 s\n')
+        for stage in ('first', 'second', '', ''):
+            advance(stage)
+    assert capsys.readouterr() == ('', 'fitting, 31 s: second\nfitting, 62 s\n')
