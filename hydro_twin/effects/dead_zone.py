@@ -38,8 +38,8 @@ def refined(span: Span, values: tuple[float, ...]) -> Starts:
 def distinguishable(span: Span, values: tuple[float, ...]) -> bool:
     """Separate a zone about rest that lets little pass, and is entered, from a bias or a kink."""
     width, centre, leak = values
-    return (abs(centre) < width and leak < HALF
-            and span.low <= leak * width and span.high >= -leak * width)
+    return abs(centre) < width and leak < HALF and any(
+        low <= leak * width and high >= -leak * width for low, high in span.ranges)
 
 
 EFFECT = Effect(

@@ -44,20 +44,35 @@ class Span:
     """What one recording reaches at a port under the current model.
 
     Attributes:
-        low, high: least and largest value that leaves the port.
+        ranges: least and largest value that leaves the port, in each part: what a law remembers
+            does not reach from one part into another.
         signals: largest magnitude of each signal there.
         travel: of each signal there, from its least to its largest.
         measured: least and largest output in all that was recorded, but for a hundredth of it.
         lasting: for how many samples in a row the value is near its least or its largest.
     """
 
-    low: float
-    high: float
+    ranges: Sequence[tuple[float, float]]
     signals: Mapping[str, float]
     travel: Mapping[str, float]
     measured: tuple[float, float]
     sample_time: float
     lasting: int
+
+    @property
+    def low(self) -> float:
+        """Least value that leaves the port."""
+        return min(low for low, _ in self.ranges)
+
+    @property
+    def high(self) -> float:
+        """Largest value that leaves the port."""
+        return max(high for _, high in self.ranges)
+
+    @property
+    def swing(self) -> float:
+        """How far the value goes from its least to its largest in one part."""
+        return max(high - low for low, high in self.ranges)
 
     @property
     def value(self) -> float:

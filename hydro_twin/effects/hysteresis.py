@@ -31,7 +31,7 @@ def refined(span: Span, values: tuple[float, ...]) -> Starts:
 def distinguishable(span: Span, values: tuple[float, ...]) -> bool:
     """Distinguish a loop that is crossed from a constant that depends on where a run starts."""
     width, slope = values
-    return 2.0 * width < slope * (span.high - span.low)
+    return 2.0 * width < slope * span.swing
 
 
 EFFECT = Effect(

@@ -20,7 +20,7 @@ def starts(span: Span) -> Starts:
 
 def distinguishable(span: Span, values: tuple[float, ...]) -> bool:
     """Distinguish a play that is crossed from a follower that stays where a run starts."""
-    return 2.0 * values[0] < span.high - span.low
+    return 2.0 * values[0] < span.swing
 
 
 EFFECT = Effect(

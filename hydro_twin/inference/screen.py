@@ -62,13 +62,15 @@ def spans(candidate: Model, parts: Sequence[Part]) -> dict[Port, Span]:
         run[:, :P] >= NEAR * high[:P], run[:, :P] <= NEAR * low[:P])], axis=0)
     largest = np.maximum(np.maximum(abs(low), abs(high)), 1e-12)
     travel = travel_of(parts)
+    ranges = [list(zip(run.min(axis=0).tolist(), run.max(axis=0).tolist(), strict=True))
+              for run in runs]
     found, at = {}, len(plant.ports)
     for port in plant.parameter_ports:
-        found[port] = Span(0.0, 0.0, {}, {}, travel, candidate.sample_time, 0)
+        found[port] = Span(((0.0, 0.0),), {}, {}, travel, candidate.sample_time, 0)
     for row, port in enumerate(plant.ports):
         here = slice(at, at + len(port.signals))
         found[port] = Span(
-            float(low[row]), float(high[row]),
+            tuple(one[row] for one in ranges),
             dict(zip(port.signals, largest[here].tolist(), strict=True)),
             dict(zip(port.signals, (high - low)[here].tolist(), strict=True)),
             travel, candidate.sample_time, int(lasting[row]))

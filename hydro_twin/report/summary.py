@@ -21,6 +21,8 @@ from hydro_twin.result import (
 )
 
 EVEN = 0.5              # probability that nothing is missing, up to which it is not said to be so
+COUNTED = 1000.0        # times the noise, beyond which a sentence gives no number: the noise of a
+#                         coarse encoder is almost nothing while it stands still
 TESTED = {
     0: 'bags that were not fitted',
     THIRD: 'the first third of every series, which was not fitted',
@@ -157,12 +159,14 @@ def remainder_sentence(result: TraceResult) -> str:
         times = left.held_out_error / max(left.error, 1e-300)
         parts.append(f'on data that was not fitted the error is {times:.1f} times as large: '
                      'something happens there that does not in the data that was')
+    ratio = left.error / result.noise
+    how_much = f'{ratio:.0f}' if ratio < COUNTED else f'more than {COUNTED:.0f}'
     if not parts and left.loud:
-        parts.append(f'it is {left.error / result.noise:.0f} times as large as the noise, '
-                     f'but depends on nothing that can be seen at the ports')
+        much = '' if result.fails else f' and is {how_much} times as large as the noise'
+        parts.append('what is left depends on nothing that can be seen at the ports' + much)
     if result.fails:
-        parts.insert(0, f'the model does not fit, by {left.error / result.noise:.0f} times '
-                        f'the noise, so that nothing can be said of other effects')
+        parts.insert(0, f'the model does not fit, by {how_much} times the noise, so that nothing '
+                        'can be said of other effects')
     if not parts and left.structured:
         parts.append(f'{left.by_ports[0]:.0%} of what is left follows what happens at the ports, '
                      f'by no single curve')

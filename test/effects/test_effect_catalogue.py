@@ -21,7 +21,7 @@ def named(site):
 def wide(port):
     """Make a span in which every signal moves enough to show anything."""
     largest = {name: 5e6 if unit == 'Pa' else 3.0 for name, unit in port.signals.items()}
-    return Span(-2.0, 2.0, largest, {name: 2 * size for name, size in largest.items()},
+    return Span(((-2.0, 2.0),), largest, {name: 2 * size for name, size in largest.items()},
                 (-2.0, 2.0), 0.002, 100)
 
 
@@ -89,7 +89,7 @@ def test_starts_follow_the_unit_of_the_port(site):
     """In millivolts instead of volts, a search begins at the same place."""
     _, effect, port = site
     span = wide(port)
-    thousand = Span(1e3 * span.low, 1e3 * span.high, span.signals, span.travel, span.measured,
+    thousand = Span(((1e3 * span.low, 1e3 * span.high),), span.signals, span.travel, span.measured,
                     span.sample_time, span.lasting)
     for one, other in zip(effect.starts(span), effect.starts(thousand), strict=True):
         for p, a, b in zip(effect.parameters, one, other, strict=True):
@@ -123,8 +123,8 @@ def test_units_of_a_port():
 
 def test_ripple_is_told_from_a_bias_only_by_a_tenth_of_a_period():
     ripple = next(effect for effect in EFFECTS if effect.id == 'ripple')
-    span = Span(-1.0, 1.0, {'velocity': 1.0, 'position': 1.0}, {'velocity': 2.0, 'position': 0.5},
-                (-1.0, 1.0), 0.002, 100)
+    span = Span(((-1.0, 1.0),), {'velocity': 1.0, 'position': 1.0},
+                {'velocity': 2.0, 'position': 0.5}, (-1.0, 1.0), 0.002, 100)
     assert not ripple.distinguishable(span, (1.0, 0.0, 0.3 * math.pi))
     assert ripple.distinguishable(span, (1.0, 0.0, 0.5 * math.pi))
 
@@ -132,19 +132,32 @@ def test_ripple_is_told_from_a_bias_only_by_a_tenth_of_a_period():
 def test_dead_zone_is_told_from_a_bias_only_where_it_is_entered():
     dead_zone = next(effect for effect in EFFECTS if effect.id == 'dead_zone')
 
-    def shows(low, high, leak=0.0):
-        span = Span(low, high, {}, {}, (0.0, 1.0), 0.002, 100)
+    def shows(*ranges, leak=0.0):
+        span = Span(ranges, {}, {}, (0.0, 1.0), 0.002, 100)
         return dead_zone.distinguishable(span, (0.1, 0.0, leak))
 
-    assert not shows(0.2, 1.0)
-    assert not shows(-1.0, -0.2)
-    assert shows(0.0, 1.0)
-    assert shows(0.01, 1.0, leak=0.2)
+    assert not shows((0.2, 1.0))
+    assert not shows((-1.0, -0.2))
+    assert shows((0.0, 1.0))
+    assert shows((0.01, 1.0), leak=0.2)
+    assert not shows((0.2, 1.0), (-1.0, -0.2))
+    assert shows((0.2, 1.0), (-1.0, 0.2))
+
+
+def test_hysteresis_is_told_from_an_offset_of_each_part_only_where_its_loop_is_crossed():
+    hysteresis = next(effect for effect in EFFECTS if effect.id == 'hysteresis')
+
+    def shows(*ranges):
+        span = Span(ranges, {}, {}, (0.0, 1.0), 0.002, 100)
+        return hysteresis.distinguishable(span, (0.1, 1.0))
+
+    assert shows((0.2, 0.5))
+    assert not shows((0.2, 0.3), (-0.3, -0.2))
 
 
 def test_dead_zone_holds_rest_and_lets_little_pass():
     dead_zone = next(effect for effect in EFFECTS if effect.id == 'dead_zone')
-    span = Span(-1.0, 1.0, {}, {}, (0.0, 1.0), 0.002, 100)
+    span = Span(((-1.0, 1.0),), {}, {}, (0.0, 1.0), 0.002, 100)
     assert dead_zone.distinguishable(span, (0.1, -0.05, 0.3))
     assert not dead_zone.distinguishable(span, (0.1, -0.15, 0.0))
     assert not dead_zone.distinguishable(span, (0.1, 0.0, 0.7))
@@ -160,7 +173,7 @@ def test_leakage_is_told_from_laminar():
 
 def test_a_force_to_break_away_is_at_most_twice_that_of_sliding():
     friction = next(effect for effect in EFFECTS if effect.id == 'friction')
-    span = Span(-100.0, 100.0, {}, {}, (0.0, 1.0), 0.001, 100)
+    span = Span(((-100.0, 100.0),), {}, {}, (0.0, 1.0), 0.001, 100)
     assert friction.distinguishable(span, (20.0, 0.0, 1.0, math.inf, 0.0))
     assert friction.distinguishable(span, (20.0, 30.0, 0.01, math.inf, 0.0))
     assert not friction.distinguishable(span, (18.0, 90.0, 0.013, 3e6, 0.0))
@@ -170,7 +183,7 @@ def test_a_rate_limit_is_told_from_a_lag_only_where_it_lasts():
     rate_limit = next(effect for effect in EFFECTS if effect.id == 'rate_limit')
 
     def shows(samples):
-        span = Span(-0.3, 0.2, {}, {}, (0.0, 1.0), 0.05, samples)
+        span = Span(((-0.3, 0.2),), {}, {}, (0.0, 1.0), 0.05, samples)
         return rate_limit.distinguishable(span, (0.3, 0.0, 0.0))
 
     assert not shows(2)
@@ -179,7 +192,7 @@ def test_a_rate_limit_is_told_from_a_lag_only_where_it_lasts():
 
 def test_a_soft_rate_limit_is_told_from_a_falling_gain_only_where_it_is_reached():
     rate_limit = next(effect for effect in EFFECTS if effect.id == 'rate_limit')
-    span = Span(-0.3, 0.2, {}, {}, (0.0, 1.0), 0.002, 100)
+    span = Span(((-0.3, 0.2),), {}, {}, (0.0, 1.0), 0.002, 100)
     assert rate_limit.distinguishable(span, (0.3, 0.0, 0.0))
     assert rate_limit.distinguishable(span, (0.35, 0.0, 0.4))
     assert not rate_limit.distinguishable(span, (0.7, 0.0, 0.4))

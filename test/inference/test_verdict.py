@@ -30,7 +30,11 @@ def test_an_error_of_many_times_the_noise_is_not_noise(rubbing):
     assert verdict_of(nothing) == 'nothing_missing'
     loud = replace(nothing, floor=nothing.after.error / 8.0)
     assert verdict_of(loud) == 'unexplained'
-    assert '8 times as large as the noise' in remainder_sentence(result_of(loud))
+    assert remainder_sentence(result_of(loud)) == (
+        'the model does not fit, by 8 times the noise, so that nothing can be said of other '
+        'effects; what is left depends on nothing that can be seen at the ports')
+    very_loud = replace(nothing, floor=nothing.after.error / 1e6)
+    assert 'by more than 1000 times the noise' in remainder_sentence(result_of(very_loud))
 
 
 def test_where_the_model_does_not_fit_nothing_is_said_of_other_effects(rubbing):
