@@ -18,6 +18,7 @@ from hydro_twin.fitting.whiteness import is_white
 from hydro_twin.inference.chain import finely, FINEST, WORTH
 from hydro_twin.inference.context import Context
 from hydro_twin.inference.curve import FittedCurve
+from hydro_twin.inference.determined import without_undetermined
 from hydro_twin.inference.evaluate import result_of
 from hydro_twin.inference.evidence import Evidence
 from hydro_twin.inference.excerpt import excerpt, harmless_factor, resampled
@@ -213,7 +214,10 @@ def _search(train: Recording, test: Recording, plant: Plant,
     if found:
         found = replace(found, fit=without_unreached(found.fit, fine))
     else:
-        last, after = after, with_coloured_noise(after, fine)
+        last, kept = after, without_undetermined(replace(chain, fit=after), fine)
+        if chain.findings and not kept.findings:
+            last, kept = base, Chain(with_coloured_noise(base, fine))
+        chain, after = kept, kept.fit
         before, base = (after if fit is last else fit for fit in (before, base))
     # What is named must improve the reported figure, too.
     gain, by_horizon = _gain(before, after if found is None else found.fit, test, seed)

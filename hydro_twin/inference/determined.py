@@ -1,0 +1,54 @@
+"""Effects of a size that the data do not determine: all they change is where the runs start."""
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from hydro_twin.fitting.coloured import with_coloured_noise
+from hydro_twin.fitting.fit import Fit
+from hydro_twin.fitting.parts import Part
+from hydro_twin.fitting.unknowns import label
+from hydro_twin.inference.findings import Chain, other_findings
+from hydro_twin.inference.select import LONG, search
+
+WIDEST = 0.5            # relative standard error up to which a size differs from none at all: a
+#                         fall to zero is two standard errors
+
+
+def without_undetermined(chain: Chain, parts: Sequence[Part]) -> Chain:
+    """Drop each effect with a state of its own that no part of the data determines.
+
+    The state at the start of each part is free. Where the model misses much, a filter of any time
+    constant, or a loop of any width, may make up for some of it there, and so in all that follows,
+    on held-out data, too.
+
+    Args:
+        chain: a model that was found.
+        parts: what it was fitted to.
+
+    Returns:
+        What is left of it, with coloured noise where it leaves that.
+    """
+    chain = replace(chain, fit=with_coloured_noise(chain.fit, parts))
+    for k, found in enumerate(chain.findings):
+        if not is_determined(chain.fit, found.index):
+            without = search(chain.fit.candidate.without(found.index), parts, LONG)
+            return without_undetermined(Chain(without, other_findings(chain, k)), parts)
+    return chain
+
+
+def is_determined(fit: Fit, index: int) -> bool:
+    """Whether the data determine any size of an effect, if that has a state of its own.
+
+    What they determine only together with a parameter of the plant is determined.
+    """
+    effect = fit.candidate.effects[index].effect
+    if not (effect.memory or effect.dynamic):
+        return True
+    known = fit.identifiability()
+    errors = dict(zip(known.coordinates, np.sqrt(np.diag(known.covariance)), strict=True))
+    sizes = [errors.get(label(unknown), np.inf) for unknown in fit.unknowns
+             if unknown.owner == str(index) and unknown.log]
+    return not sizes or min(sizes) < WIDEST
