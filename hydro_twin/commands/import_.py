@@ -1,4 +1,4 @@
-"""`hydro-twin import TABLE... -o BAG --map FILE`: makes a bag of CSV or MAT tables."""
+"""`hydro-twin import TABLE... -o BAG --map FILE`: makes a bag of CSV, MAT or NPZ tables."""
 from __future__ import annotations
 
 import argparse
@@ -128,4 +128,4 @@ def show(result: dict[str, Any], console: Console) -> None:
                       highlight=False, markup=False)
 
 
-VERB = Verb('import', 'make a bag of CSV or MAT tables', add_arguments, run, show)
+VERB = Verb('import', 'make a bag of CSV, MAT or NPZ tables', add_arguments, run, show)

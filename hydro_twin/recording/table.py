@@ -1,4 +1,4 @@
-"""Reads tables (CSV, MAT) as series with the stamps of their time column, or of a sample rate."""
+"""Reads tables (CSV, MAT, NPZ) as series, with stamps by a time column or a sample rate."""
 from __future__ import annotations
 
 from collections.abc import Collection, Iterator, Mapping
@@ -9,6 +9,7 @@ from itertools import islice, pairwise
 import logging
 import math
 from pathlib import Path
+import re
 from typing import TextIO
 
 import numpy as np
@@ -25,7 +26,8 @@ START = 1_000_000_000   # stamp of the first sample [ns]: in ROS a stamp of zero
 PAUSE = 10_000_000_000   # between two runs [ns], or twice what would still be bridged if longer
 LONGEST = 2e9   # [s]: a stamp holds seconds in 32 bits
 EVEN = 0.01   # of a period: a time column is off the line by rounding only, not by jitter
-SUFFIXES = ('.csv', '.csv.gz', '.mat')
+COLUMN_OF = re.compile(r'(.+)\[(\d+)\]')
+SUFFIXES = ('.csv', '.csv.gz', '.mat', '.npz')
 
 
 def read_table(path: Path, table_map: TableMap, after: int | None = None,
@@ -177,6 +179,8 @@ def _load(path: Path, wanted: set[str], table_map: TableMap) -> dict[str, FloatA
         raise BagError(f'{path}: a table is {", ".join(SUFFIXES)}')
     if path.suffix.lower() == '.mat':
         return _load_mat(path, wanted, table_map.rows)
+    if path.suffix.lower() == '.npz':
+        return _load_npz(path, wanted, table_map.rows)
     return _load_csv(path, wanted, table_map.rows, table_map.decimal)
 
 
@@ -265,24 +269,52 @@ def _bad_cell(lines: list[str], delimiter: str, names: Mapping[int, str], first:
 
 def _load_mat(path: Path, wanted: set[str], rows: tuple[int, int | None],
               ) -> dict[str, FloatArray]:
-    """Load variables of a MAT file; a single number counts as a column of it."""
+    """Load variables of a MAT file."""
     from scipy.io import loadmat, whosmat
 
     try:
         _check_names(path, wanted, [name for name, _, _ in whosmat(path)])
         content = loadmat(path, variable_names=list(wanted))
-        columns = {name: np.asarray(content[name], np.float64) for name in wanted}
+        variables = {name: np.asarray(content[name], np.float64) for name in wanted}
     except NotImplementedError:
         raise BagError(f"{path} is a MAT file of version 7.3: save it with '-v7'") from None
     except BagError:
         raise
     except Exception as error:   # scipy lets out whatever a damaged byte causes
         raise BagError(f'{path} cannot be read as a MAT file: {error}') from None
-    for name, column in columns.items():
-        if column.size == 0 or column.size != max(column.shape, default=1):
-            shape = ' x '.join(map(str, column.shape))
+    return _as_columns(path, variables, rows)
+
+
+def _load_npz(path: Path, wanted: set[str], rows: tuple[int, int | None],
+              ) -> dict[str, FloatArray]:
+    """Load arrays of an NPZ file; `q[2]` is the third column of an array q of several."""
+    places = {name: COLUMN_OF.fullmatch(name) for name in wanted}
+    owners = {name: place[1] if place else name for name, place in places.items()}
+    try:
+        with np.load(path) as content:
+            _check_names(path, set(owners.values()), list(content))
+            variables = {name: np.asarray(content[owner], np.float64)
+                         for name, owner in owners.items()}
+            for name, place in places.items():
+                if place:
+                    variables[name] = variables[name][:, int(place[2])]
+    except BagError:
+        raise
+    except IndexError as error:
+        raise BagError(f'{path}: {error}') from None
+    except Exception as error:   # whatever a damaged byte causes, or an array of objects
+        raise BagError(f'{path} cannot be read as an NPZ file: {error}') from None
+    return _as_columns(path, variables, rows)
+
+
+def _as_columns(path: Path, variables: Mapping[str, FloatArray], rows: tuple[int, int | None],
+                ) -> dict[str, FloatArray]:
+    """Take the rows of variables; a single number counts as a column of it."""
+    for name, variable in variables.items():
+        if variable.size == 0 or variable.size != max(variable.shape, default=1):
+            shape = ' x '.join(map(str, variable.shape))
             raise BagError(f'{path}: {name} is {shape}, not a column')
-    if max(column.size for column in columns.values()) < rows[0]:
+    if max(variable.size for variable in variables.values()) < rows[0]:
         raise _too_short(path, rows)
-    return {name: column.ravel() if column.size == 1 else column.ravel()[rows[0] - 1:rows[1]]
-            for name, column in columns.items()}
+    return {name: one.ravel() if one.size == 1 else one.ravel()[rows[0] - 1:rows[1]]
+            for name, one in variables.items()}

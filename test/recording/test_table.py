@@ -60,15 +60,16 @@ def test_a_file_that_is_not_in_utf_8_says_so(tmp_path):
         read_table(path, table_map(tmp_path))
 
 
-@pytest.mark.parametrize('form', ['comma', 'semicolon', 'gzip', 'mat', 'quoted'])
+@pytest.mark.parametrize('form', ['comma', 'semicolon', 'gzip', 'mat', 'npz', 'quoted'])
 def test_units_scale_and_product(tmp_path, form):
-    path = tmp_path / {'gzip': 'a.csv.gz', 'mat': 'a.mat'}.get(form, 'a.csv')
+    path = tmp_path / {'gzip': 'a.csv.gz', 'mat': 'a.mat', 'npz': 'a.npz'}.get(form, 'a.csv')
     if form == 'gzip':
         path.write_bytes(gzip.compress(CSV.encode()))
-    elif form == 'mat':
+    elif form in ('mat', 'npz'):
         k = np.arange(20.0)
-        savemat(path, {'t': 2 * k[:, None], 'speed': 10 * k, 'x': k[None] / 8,
-                       'direction': np.where(k % 2, -1, 1)})
+        columns = {'t': 2 * k[:, None], 'speed': 10 * k, 'x': k[None] / 8,
+                   'direction': np.where(k % 2, -1, 1)}
+        savemat(path, columns) if form == 'mat' else np.savez(path, **columns)
     elif form == 'quoted':
         names, _, rows = CSV.partition('\n')
         path.write_text('\ufeff' + ', '.join(f'"{n}"' for n in names.split(',')) + '\n' + rows)
@@ -155,6 +156,8 @@ def test_mistakes_in_a_map_file(tmp_path, text, says):
     ('a.csv.gz', b'not gzip', 'cannot be read'),
     ('a.mat', b'not a mat file' * 20, 'MAT file'),
     ('a.mat', b'', 'MAT file'),
+    ('a.npz', b'PK no archive', 'NPZ file'),
+    ('a.npz', b'', 'NPZ file'),
 ])
 def test_mistakes_in_a_table(tmp_path, name, content, says):
     if content is not None:
@@ -162,6 +165,25 @@ def test_mistakes_in_a_table(tmp_path, name, content, says):
     with pytest.raises(BagError, match=says) as caught:
         read_table(tmp_path / name, table_map(tmp_path))
     assert '\n' not in str(caught.value)
+
+
+def test_a_column_of_an_array_of_several(tmp_path):
+    k = np.arange(9.0)
+    np.savez(tmp_path / 'a.npz', t=k, q=np.column_stack([k, 10 * k]))
+    said = 'plant: cylinder\ntime: {column: t}\nsignals: {command: "q[1]", x: "q[0]"}\n'
+    (series,) = read_table(tmp_path / 'a.npz', table_map(tmp_path, said))
+    assert series['command'].tolist() == (10 * k).tolist()
+    with pytest.raises(BagError, match='index 2 is out of bounds'):
+        read_table(tmp_path / 'a.npz', table_map(tmp_path, said.replace('q[0]', 'q[2]')))
+
+
+@pytest.mark.parametrize(('x', 'says'), [
+    (np.ones((3, 3)), 'x is 3 x 3'), (np.ones(8), 'different lengths'),
+    (np.array(['text']), 'cannot be read'), (np.array([{}]), 'cannot be read')])
+def test_arrays_that_are_no_columns(tmp_path, x, says):
+    np.savez(tmp_path / 'a.npz', t=np.arange(9.0), speed=np.ones(9), direction=np.ones(9), x=x)
+    with pytest.raises(BagError, match=says):
+        read_table(tmp_path / 'a.npz', table_map(tmp_path))
 
 
 def test_mat_variables_that_are_no_columns(tmp_path):
