@@ -102,7 +102,8 @@ class Request:
             return
         if not (kind.physics and kind.weights):
             raise UserError('--model gives the physics that weights stand on: it needs '
-                            '--predictor ' + names_of(lambda kind: kind.physics and kind.weights))
+                            '--predictor ' + names_of(lambda kind: kind.physics and kind.weights)
+                            + '; trace --model fits an analytical model, with its effects, anew')
         if self.held or effects:
             raise UserError('--fix and known effects are for a fresh fit; --model has its own')
         if self.base and not kind_named(self.base.kind).physics:
