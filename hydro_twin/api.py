@@ -11,8 +11,6 @@ from hydro_twin.errors import UserError
 from hydro_twin.fitting import refit as fitting
 from hydro_twin.fitting.horizon import horizon_errors
 from hydro_twin.fitting.refit import Refit, Request
-from hydro_twin.inference import excitation as exciting
-from hydro_twin.inference import trace as tracing
 from hydro_twin.model import load_predictor, Model, read_model
 from hydro_twin.parallel import prepare
 from hydro_twin.plants import Plant, plant_named
@@ -36,6 +34,8 @@ from hydro_twin.result import TraceResult
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
+
+    from hydro_twin.inference.excitation import Excitation
 
 __all__ = ['Data', 'Model', 'Predictor', 'Recording', 'Refit', 'Replay', 'Request', 'Trace',
            'excitation', 'load_predictor', 'read', 'read_model', 'refit', 'replay', 'trace']
@@ -254,14 +254,17 @@ def trace(data: Data, model: Model | None = None, seed: int = 0, *,
         DataError: the samples do not allow it.
     """
     model = None if model is None else _analytical(model, data)
-    prepare(tracing.__name__, 'hydro_twin.report.drawing')
+    prepare('hydro_twin.inference.trace', 'hydro_twin.report.drawing')
+
+    from hydro_twin.inference import trace as tracing
+
     with show('tracing', None) as step:
         result = tracing.trace(data.recording, data.test, data.plant, data.rig.constants, model,
                                seed, step, data.earlier)
     return Trace(result, data.provenance(seed, command))
 
 
-def excitation(data: Data, model: Model) -> exciting.Excitation:
+def excitation(data: Data, model: Model) -> Excitation:
     """Say whether a recording moves the plant enough for a trace from a model on.
 
     Args:
@@ -271,6 +274,8 @@ def excitation(data: Data, model: Model) -> exciting.Excitation:
     Raises:
         UserError: the model is not an analytical one, or of another plant than the data.
     """
+    from hydro_twin.inference import excitation as exciting
+
     return exciting.excitation(data.recording, _analytical(model, data))
 
 

@@ -5,7 +5,7 @@ from collections.abc import Sequence
 import math
 
 import numpy as np
-import scipy
+from scipy import stats
 
 from hydro_twin.fitting.autoregression import autoregression, effective_samples, whiten
 from hydro_twin.fitting.fit import Fit
@@ -63,8 +63,7 @@ def gain_p_value(before: Fit, after: Fit, tried: int) -> float:
     what stands beside a slow error of another cause, as an offset.
     """
     added = max(1, len(after.unknowns) - len(before.unknowns))
-    gain = max(_gain(before, after), 0.0)
-    log_p = float(scipy.stats.chi2.logsf(gain, added)) + math.log(2 * tried)
+    log_p = float(stats.chi2.logsf(max(_gain(before, after), 0.0), added)) + math.log(2 * tried)
     return min(1.0, math.exp(max(log_p, -700.0)))
 
 

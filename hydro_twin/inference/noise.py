@@ -5,7 +5,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-import scipy
+from scipy import signal, stats
 
 from hydro_twin.plants.plant import FloatArray
 from hydro_twin.predictors.scores import rms
@@ -29,7 +29,7 @@ def noise_floor(stretches: Sequence[FloatArray]) -> float:
     levels, weights = [], []
     for r in stretches:
         n = min(256, len(r))
-        frequency, density = scipy.signal.welch(r, fs=1.0, nperseg=n, detrend='linear')
+        frequency, density = signal.welch(r, fs=1.0, nperseg=n, detrend='linear')
         upper = density[frequency > 0.33]
         levels.append(float(np.median(upper)) / 0.5 / _median_bias(len(r), n))
         weights.append(len(r))
@@ -46,7 +46,7 @@ def _median_bias(samples: int, segment: int) -> float:
     """Median over mean of a spectral estimate that averages this many half-covered segments."""
     segments = max(1, 2 * samples // segment - 1)
     freedom = 2.0 * max(1.0, segments * 9.0 / 11.0)         # Hann, half overlap [Welch 1967]
-    return float(scipy.stats.chi2.median(freedom) / freedom)
+    return float(stats.chi2.median(freedom) / freedom)
 
 
 def lines(stretches: Sequence[FloatArray], sample_time: float, most: int = 5) -> list[Line]:
@@ -64,14 +64,14 @@ def lines(stretches: Sequence[FloatArray], sample_time: float, most: int = 5) ->
     ratio = np.zeros(len(frequency))
     amplitude = np.zeros(len(frequency))
     for r in long:
-        window = scipy.signal.windows.hann(len(r), sym=False)
+        window = signal.windows.hann(len(r), sym=False)
         spectrum = np.abs(np.fft.rfft((r - r.mean()) * window, size)) ** 2
         width = 16 * size // len(r) | 1
         level = _running_median(spectrum, width) / np.log(2.0)
         ratio += spectrum / np.maximum(level, 1e-300)
         amplitude += 2.0 * np.sqrt(spectrum) / window.sum() / len(long)
     tests = n / 2 * len(long)
-    threshold = scipy.stats.gamma.isf(1e-3 / tests, len(long)) * 1.5
+    threshold = stats.gamma.isf(1e-3 / tests, len(long)) * 1.5
     found: list[Line] = []
     reach = 4.0 / (min(len(r) for r in long) * sample_time)
     for k in np.argsort(ratio)[::-1]:

@@ -10,7 +10,7 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
-import scipy
+from scipy import signal
 from scipy.linalg import block_diag
 
 from hydro_twin.effects import Course, Placed
@@ -61,8 +61,8 @@ def free_curves(fit: Fit, placed: Placed, seen: Sequence[Passing], name: str) ->
         if branches(placed):
             rises = _rises(p.signals[name])[:, None]
             shape = np.hstack([shape * rises, shape * ~rises])
-        columns.append(whitened(scipy.signal.lfilter(b, a, shape, axis=0)))
-        target.append(whitened(p.left + scipy.signal.lfilter(b, a, p.added)))
+        columns.append(whitened(signal.lfilter(b, a, shape, axis=0)))
+        target.append(whitened(p.left + signal.lfilter(b, a, p.added)))
         starts.append(whitened(fit.candidate.system.free_response(len(p.left))))
     t = np.concatenate(target)
     X = np.hstack([np.concatenate(columns), block_diag(*starts)])

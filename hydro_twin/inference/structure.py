@@ -9,7 +9,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
-import scipy
+from scipy import signal
 
 from hydro_twin.effects.curve import KNOTS
 from hydro_twin.fitting.fit import Fit
@@ -141,6 +141,6 @@ def _groups(candidate: Model) -> list[tuple[int, str, int]]:
 
 def _carried(columns: FloatArray, b: FloatArray, a: FloatArray) -> FloatArray:
     """Carry what is added at a port to the output."""
-    carried: FloatArray = scipy.signal.lfilter(
-        b, np.concatenate([[1.0], a]), columns - columns[:1], axis=0)
+    carried: FloatArray = signal.lfilter(b, np.concatenate([[1.0], a]), columns - columns[:1],
+                                         axis=0)
     return carried
