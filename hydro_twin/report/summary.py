@@ -159,7 +159,7 @@ def remainder_sentence(result: TraceResult) -> str:
         times = left.held_out_error / max(left.error, 1e-300)
         parts.append(f'on data that was not fitted the error is {times:.1f} times as large: '
                      'something happens there that does not in the data that was')
-    ratio = left.error / result.noise
+    ratio = left.error / max(result.noise, 1e-300)
     how_much = f'{ratio:.0f}' if ratio < COUNTED else f'more than {COUNTED:.0f}'
     if not parts and left.loud:
         much = '' if result.fails else f' and is {how_much} times as large as the noise'
