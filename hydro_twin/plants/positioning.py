@@ -25,9 +25,9 @@ POSITIONING = Plant(
     output=Signal('x', 'position', 'm'),
     sensors=(Signal('v', 'velocity', 'm/s'),),
     states=('v', 'x'),
-    parameters=(            # from the rotor of a small motor to a heavy slide
-        Parameter('M', 'moving mass', 'kg', 1e-6, 1e3, 1e-9, 1e6),
-        Parameter('F_v', 'viscous friction', 'N s/m', 1e-6, 1e4, 1e-9, 1e7),
+    parameters=(            # from the rotor of a small motor to a press; its middle is 1 kg
+        Parameter('M', 'moving mass', 'kg', 1e-6, 1e6, 1e-9, 1e9),
+        Parameter('F_v', 'viscous friction', 'N s/m', 1e-6, 1e7, 1e-9, 1e10),
     ),
     constants=(),
     ports=(
