@@ -29,20 +29,22 @@ def fit(data):
     return ht.refit(data, ht.Request(criterion='one_step'))
 
 
+def modules_after(code):
+    script = f'import sys, {code}; print(*sys.modules)'
+    return set(subprocess.run([sys.executable, '-c', script], capture_output=True, text=True,
+                              check=True).stdout.split())
+
+
 def test_the_import_is_cheap():
-    code = 'import sys, hydro_twin; dir(hydro_twin); print(*sys.modules)'
-    loaded = subprocess.run([sys.executable, '-c', code], capture_output=True, text=True,
-                            check=True).stdout.split()
+    loaded = modules_after('hydro_twin; dir(hydro_twin)')
     assert 'hydro_twin' in loaded
-    assert not {'numpy', 'scipy', 'hydro_twin.api', 'argparse'} & set(loaded)
+    assert not {'numpy', 'scipy', 'hydro_twin.api', 'argparse'} & loaded
 
 
 def test_what_only_a_trace_needs_is_imported_when_it_is_used():
-    code = 'import sys, hydro_twin.api; print(*sys.modules)'
-    loaded = subprocess.run([sys.executable, '-c', code], capture_output=True, text=True,
-                            check=True).stdout.split()
+    loaded = modules_after('hydro_twin.api')
     assert 'scipy.optimize' in loaded
-    assert not {'scipy.stats', 'scipy.signal', 'matplotlib', 'torch'} & set(loaded)
+    assert not {'scipy.stats', 'scipy.signal', 'matplotlib', 'torch'} & loaded
 
 
 def test_every_name_is_there():

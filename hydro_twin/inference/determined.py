@@ -17,7 +17,7 @@ WIDEST = 0.5            # relative standard error up to which a size differs fro
 #                         fall to zero is two standard errors
 
 
-def without_undetermined(chain: Chain, parts: Sequence[Part]) -> Chain:
+def without_undetermined(chain: Chain, base: Fit, parts: Sequence[Part]) -> Chain:
     """Drop each effect with a state of its own that no part of the data determines.
 
     The state at the start of each part is free. Where the model misses much, a filter of any time
@@ -26,6 +26,7 @@ def without_undetermined(chain: Chain, parts: Sequence[Part]) -> Chain:
 
     Args:
         chain: a model that was found.
+        base: the fit without any of its effects.
         parts: what it was fitted to.
 
     Returns:
@@ -34,8 +35,10 @@ def without_undetermined(chain: Chain, parts: Sequence[Part]) -> Chain:
     chain = replace(chain, fit=with_coloured_noise(chain.fit, parts))
     for k, found in enumerate(chain.findings):
         if not is_determined(chain.fit, found.index):
-            without = search(chain.fit.candidate.without(found.index), parts, LONG)
-            return without_undetermined(Chain(without, other_findings(chain, k)), parts)
+            others = other_findings(chain, k)
+            without = base if not others else search(
+                chain.fit.candidate.without(found.index), parts, LONG)
+            return without_undetermined(Chain(without, others), base, parts)
     return chain
 
 

@@ -55,22 +55,20 @@ def spans(candidate: Model, parts: Sequence[Part]) -> dict[Port, Span]:
         seen = np.zeros((len(part.inputs), len(candidate.system.step.H)))
         free_run(candidate, part, seen)
         runs.append(np.nan_to_num(seen[candidate.start_up:]))
-    low = np.min([run.min(axis=0) for run in runs], axis=0)
-    high = np.max([run.max(axis=0) for run in runs], axis=0)
+    lows, highs = (np.array([reach(run, axis=0) for run in runs]) for reach in (np.min, np.max))
+    low, high = lows.min(axis=0), highs.max(axis=0)
     P = len(plant.ports)
     lasting = np.max([longest(near) for run in runs for near in (
         run[:, :P] >= NEAR * high[:P], run[:, :P] <= NEAR * low[:P])], axis=0)
     largest = np.maximum(np.maximum(abs(low), abs(high)), 1e-12)
     travel = travel_of(parts)
-    ranges = [list(zip(run.min(axis=0).tolist(), run.max(axis=0).tolist(), strict=True))
-              for run in runs]
     found, at = {}, len(plant.ports)
     for port in plant.parameter_ports:
         found[port] = Span(((0.0, 0.0),), {}, {}, travel, candidate.sample_time, 0)
     for row, port in enumerate(plant.ports):
         here = slice(at, at + len(port.signals))
         found[port] = Span(
-            tuple(one[row] for one in ranges),
+            tuple(zip(lows[:, row].tolist(), highs[:, row].tolist(), strict=True)),
             dict(zip(port.signals, largest[here].tolist(), strict=True)),
             dict(zip(port.signals, (high - low)[here].tolist(), strict=True)),
             travel, candidate.sample_time, int(lasting[row]))

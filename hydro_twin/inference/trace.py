@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 
 from hydro_twin.blas import one_thread
-from hydro_twin.fitting.coloured import as_measured, whitened, with_coloured_noise
+from hydro_twin.fitting.coloured import as_measured, whitened
 from hydro_twin.fitting.fit import Fit
 from hydro_twin.fitting.horizon import errors_over_horizon, judged_errors
 from hydro_twin.fitting.linear import fit_linear, refuse_reversed
@@ -214,9 +214,8 @@ def _search(train: Recording, test: Recording, plant: Plant,
     if found:
         found = replace(found, fit=without_unreached(found.fit, fine))
     else:
-        last, kept = after, without_undetermined(replace(chain, fit=after), fine)
-        if chain.findings and not kept.findings:
-            last, kept = base, Chain(with_coloured_noise(base, fine))
+        kept = without_undetermined(replace(chain, fit=after), base, fine)
+        last = base if chain.findings and not kept.findings else after
         chain, after = kept, kept.fit
         before, base = (after if fit is last else fit for fit in (before, base))
     # What is named must improve the reported figure, too.

@@ -20,6 +20,6 @@ def test_a_loop_that_is_not_there_is_dropped_and_friction_that_is_there_stays():
     fit = search(replace(alone.candidate, effects=placed), parts, 40)
     assert [is_determined(fit, k) for k in (0, 1)] == [True, False]
     findings = tuple(Finding(k, 0.0, 0.5, ()) for k in (0, 1))
-    kept = without_undetermined(Chain(fit, findings), parts)
+    kept = without_undetermined(Chain(fit, findings), alone, parts)
     assert [placed.effect.id for placed in kept.fit.candidate.effects] == ['friction']
     assert [found.index for found in kept.findings] == [0]
