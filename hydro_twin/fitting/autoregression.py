@@ -2,6 +2,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+import math
 
 import numpy as np
 import scipy
@@ -61,3 +62,9 @@ def effective_samples(stretches: Sequence[FloatArray]) -> float:
         return float(counts[0])
     squares, scatter = (products[1:] / products[0])**2, counts[1:] / counts[0]**2
     return float(counts[0] * min((1.0 + 2.0 * scatter.sum()) / (1.0 + 2.0 * squares.sum()), 1.0))
+
+
+def effective_gain(before: Sequence[FloatArray], after: Sequence[FloatArray]) -> float:
+    """Twice the gain of the log-likelihood, with the effective number of samples of the latter."""
+    a, b = (rms(np.concatenate(pieces))**2 for pieces in (before, after))
+    return effective_samples(after) * math.log(max(a, 1e-300) / max(b, 1e-300))

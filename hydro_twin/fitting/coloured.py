@@ -6,15 +6,23 @@ estimated with the fit, in turn: the process of what is left, then the fit of wh
 [Cochrane and Orcutt 1949].
 
 That holds for noise only. What a law that is lacking leaves is coloured, too, and a filter would
-hide it. So what is left must be noise by two tests: the port signals do not predict that of the
-output, and the process explains all of its memory.
+hide it. So what is left must be noise by three tests: the port signals do not predict that of the
+output, the process explains all of its memory, and the two fits differ by no more than their
+scatter [Hausman 1978].
 """
 from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
 
-from hydro_twin.fitting.autoregression import autoregression, noise_filter, whiten
+from scipy import stats
+
+from hydro_twin.fitting.autoregression import (
+    autoregression,
+    effective_gain,
+    noise_filter,
+    whiten,
+)
 from hydro_twin.fitting.fit import Fit
 from hydro_twin.fitting.parts import Part
 from hydro_twin.fitting.port_signals import PREDICTED, predicted_by_ports
@@ -26,6 +34,7 @@ TURNS = 2               # fits, each with the noise of the one before; a third m
 #                         less than a hundredth of its standard error
 COLOURED = 0.5          # RMS of what is new in each sample over that of all: a fourth of the power
 MOST = 100_000          # samples; the test of more takes gigabytes, and so many tell enough
+CHANCE = 1e-3           # level at which two fits differ by more than their scatter
 
 
 def is_coloured(fit: Fit) -> bool:
@@ -81,4 +90,17 @@ def with_coloured_noise(fit: Fit, parts: Sequence[Part]) -> Fit:
         if not all(map(is_white, white.by_output)):
             return fit
         again = as_measured(white, parts)
-    return again if predicted_by_ports(again, parts)[1] > PREDICTED else fit
+    is_noise = not _differ(fit, again) and predicted_by_ports(again, parts)[1] > PREDICTED
+    return again if is_noise else fit
+
+
+def _differ(ordinary: Fit, coloured: Fit) -> bool:
+    """Whether a fit by the likelihood of coloured noise is further off than such noise allows.
+
+    Of noise, both estimate the same: that of least squares lies within its scatter, by which the
+    sum of squares rises as twice a log-likelihood does, a chi-square of as many degrees as there
+    are unknowns.
+    """
+    pairs = zip(coloured.by_output, ordinary.by_output, strict=True)
+    rise = sum(effective_gain(*pair) for pair in pairs)
+    return bool(rise > stats.chi2.isf(CHANCE, len(ordinary.unknowns)))

@@ -7,7 +7,12 @@ import math
 import numpy as np
 from scipy import stats
 
-from hydro_twin.fitting.autoregression import autoregression, effective_samples, whiten
+from hydro_twin.fitting.autoregression import (
+    autoregression,
+    effective_gain,
+    effective_samples,
+    whiten,
+)
 from hydro_twin.fitting.fit import Fit
 from hydro_twin.plants.plant import FloatArray
 from hydro_twin.predictors.scores import rms
@@ -82,12 +87,6 @@ def _gain(before: Fit, after: Fit) -> float:
     """Return the larger gain, each summed over output and sensors."""
     pairs = list(zip(before.by_output, after.by_output, strict=True))
     return max(sum(gain(*pair) for pair in pairs) for gain in (effective_gain, whitened_gain))
-
-
-def effective_gain(before: Sequence[FloatArray], after: Sequence[FloatArray]) -> float:
-    """Twice the gain of the log-likelihood, with the effective number of samples of the latter."""
-    a, b = (rms(np.concatenate(pieces))**2 for pieces in (before, after))
-    return effective_samples(after) * math.log(max(a, 1e-300) / max(b, 1e-300))
 
 
 def whitened_gain(before: Sequence[FloatArray], after: Sequence[FloatArray]) -> float:

@@ -77,6 +77,18 @@ def test_what_a_lacking_law_leaves_is_no_noise(effect, memory):
     assert with_coloured_noise(fit, parts) is fit
 
 
+def test_what_moves_the_estimates_is_no_noise():
+    """An offset that slow noise hides: with the gain of the fast changes the run is off by it."""
+    n, rng = 3000, np.random.default_rng(0)
+    edges = np.cumsum(rng.uniform(1.0, 5.0, n))
+    command = rng.uniform(0.6, 1.0, n + 1)[np.searchsorted(edges, 0.1 * np.arange(n))][:, None]
+    run = Model(VALVE, {'tau': 0.5, 'K': 1.15}, 0.1).system.run(command, np.array([0.7]))
+    walk = 0.002 * np.cumsum(rng.standard_normal(n))
+    parts = [Part(command, run - 0.12 + walk + 0.004 * rng.standard_normal(n))]
+    fit = fit_linear(VALVE, parts, VALVE.constant_values(), 0.1)
+    assert with_coloured_noise(fit, parts) is fit
+
+
 def test_the_residual_stays_measured_less_run():
     parts = steps(2, 0.9)
     fit = with_coloured_noise(fitted(parts), parts)

@@ -3,7 +3,8 @@ from coloured_noise import coloured
 import numpy as np
 import pytest
 
-from hydro_twin.inference.criterion import effective_gain, whitened_gain
+from hydro_twin.fitting.autoregression import effective_gain
+from hydro_twin.inference.criterion import whitened_gain
 
 
 def test_of_white_noise_both_are_the_likelihood():
