@@ -58,6 +58,13 @@ def positioning(v, x, u, d):
     return [force / v['M'], velocity], [command, force, position + d[2]], [velocity, position]
 
 
+def rotary_axis(v, x, u, d):
+    omega, theta = x
+    command = u[0] + d[0]
+    torque = command - v['B'] * omega + d[1]
+    return [torque / v['J'], omega], [command, torque, theta + d[2]], [omega, theta]
+
+
 def control_valve(v, x, u, d):
     y = x[0]
     command = u[0] + d[0]
@@ -67,7 +74,7 @@ def control_valve(v, x, u, d):
 
 
 @pytest.mark.parametrize('by_hand', [load_simulator, valve_servo, cylinder, positioning,
-                                     control_valve])
+                                     rotary_axis, control_valve])
 def test_matrices_are_the_laws_with_what_effects_add(by_hand):
     plant, v = PLANTS[by_hand.__name__], TYPICAL[by_hand.__name__]
     laws = plant.laws(v)

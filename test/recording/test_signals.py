@@ -22,6 +22,8 @@ DEFAULTS = {   # the contract
     ('cylinder', 'x'): ('/cylinder/joint_states', 'position[0]'),
     ('positioning', 'force'): ('/positioning/command', 'effort[0]'),
     ('positioning', 'x'): ('/positioning/joint_states', 'position[0]'),
+    ('rotary_axis', 'torque'): ('/rotary_axis/command', 'effort[0]'),
+    ('rotary_axis', 'theta'): ('/rotary_axis/joint_states', 'position[0]'),
     ('control_valve', 'command'): ('/control_valve/command', 'position[0]'),
     ('control_valve', 'opening'): ('/control_valve/joint_states', 'position[0]'),
 }
