@@ -19,7 +19,7 @@ EVEN = 0.01   # of a period: a spread of the periods that is not worth a line
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the arguments of the verb."""
     parser.add_argument('tables', nargs='+', type=Path, metavar='TABLE',
-                        help='a .csv, .csv.gz, .mat or .npz file; '
+                        help='a text file (.csv, .tsv, .txt, .dat, plain or .gz), .mat or .npz; '
                              'of several, each is a series or more')
     parser.add_argument('-o', '--output', type=Path, required=True, metavar='BAG',
                         help='the bag to make: a folder, or a single .mcap or .db3 file')

@@ -1,16 +1,15 @@
-"""Reads tables (CSV, MAT, NPZ) as series, with stamps by a time column or a sample rate."""
+"""Reads tables (text, MAT, NPZ) as series, with stamps by a time column or a sample rate."""
 from __future__ import annotations
 
 from collections.abc import Collection, Iterator, Mapping
 from contextlib import contextmanager
 import csv
 import gzip
-from itertools import islice, pairwise
+from itertools import chain, islice, pairwise
 import logging
 import math
 from pathlib import Path
 import re
-from typing import TextIO
 
 import numpy as np
 
@@ -27,7 +26,8 @@ PAUSE = 10_000_000_000   # between two runs [ns], or twice what would still be b
 LONGEST = 2e9   # [s]: a stamp holds seconds in 32 bits
 EVEN = 0.01   # of a period: a time column is off the line by rounding only, not by jitter
 COLUMN_OF = re.compile(r'(.+)\[(\d+)\]')
-SUFFIXES = ('.csv', '.csv.gz', '.mat', '.npz')
+TEXT = ('.csv', '.tsv', '.txt', '.dat')
+SUFFIXES = (*TEXT, *(f'{suffix}.gz' for suffix in TEXT), '.mat', '.npz')
 
 
 def read_table(path: Path, table_map: TableMap, after: int | None = None,
@@ -181,7 +181,7 @@ def _load(path: Path, wanted: set[str], table_map: TableMap) -> dict[str, FloatA
         return _load_mat(path, wanted, table_map.rows)
     if path.suffix.lower() == '.npz':
         return _load_npz(path, wanted, table_map.rows)
-    return _load_csv(path, wanted, table_map.rows, table_map.decimal)
+    return _load_text(path, wanted, table_map)
 
 
 def _check_names(path: Path, wanted: set[str], there: list[str]) -> None:
@@ -189,7 +189,7 @@ def _check_names(path: Path, wanted: set[str], there: list[str]) -> None:
     if absent := sorted(wanted - set(there)):
         said = f'{path} has no column {", ".join(absent)}; it has {", ".join(there)}'
         if there and all(map(_is_number, there)):
-            said += '; is there no header line?'
+            said += '; for a table without a line of names give header: false in the map'
         raise BagError(said)
     if twice := sorted(name for name in wanted if there.count(name) > 1):
         raise BagError(f'{path} has several columns named {", ".join(twice)}: which one is meant?')
@@ -210,25 +210,40 @@ def _too_short(path: Path, rows: tuple[int, int | None]) -> BagError:
 
 
 @contextmanager
-def _opened(path: Path) -> Iterator[tuple[TextIO, list[str], str]]:
-    """Open a CSV file; yield it after its line of names, the names, and what separates them."""
+def _opened(path: Path, header: bool) -> Iterator[tuple[Iterator[str], list[str], str | None]]:
+    """Open a text file; yield its rows, the names of its columns, and what separates them.
+
+    That is ',', ';' or a tab, whichever is there; None stands for blanks.
+    """
     with (gzip.open(path, 'rt', encoding='utf-8-sig') if path.suffix.lower() == '.gz'
           else path.open(encoding='utf-8-sig')) as file:
         line = file.readline()
         delimiter = max(',;\t', key=line.count)
-        header = csv.reader([line], delimiter=delimiter, skipinitialspace=True)
-        yield file, [name.strip() for name in next(header, [])], delimiter
+        separator = delimiter if delimiter in line else None
+        names = _cells(line.lstrip('#') if header else line, separator)
+        if header:
+            yield filter(str.strip, file), names, separator
+        else:
+            yield filter(str.strip, chain([line], file)), [
+                str(k) for k in range(1, len(names) + 1)], separator
 
 
-def _load_csv(path: Path, wanted: set[str], rows: tuple[int, int | None], decimal: str,
-              ) -> dict[str, FloatArray]:
-    """Load columns of a CSV file with one line of names; between them ',', ';' or a tab."""
-    order = sorted(wanted)
+def _cells(line: str, separator: str | None) -> list[str]:
+    """Divide a line of a text file."""
+    if separator is None:
+        return line.split()
+    (cells,) = csv.reader([line], delimiter=separator, skipinitialspace=True)
+    return [cell.strip() for cell in cells]
+
+
+def _load_text(path: Path, wanted: set[str], table_map: TableMap) -> dict[str, FloatArray]:
+    """Load columns of a text file."""
+    order, rows, decimal = sorted(wanted), table_map.rows, table_map.decimal
     try:
-        with _opened(path) as (file, names, delimiter):
+        with _opened(path, table_map.header) as (file, names, delimiter):
             _check_names(path, wanted, names)
-            lines = list(islice(filter(str.strip, file), rows[0] - 1, rows[1]))
-            there = lines[-1].count(delimiter) + 1 if lines else 0
+            lines = list(islice(file, rows[0] - 1, rows[1]))
+            there = len(_cells(lines[-1], delimiter)) if lines else 0
             if len(lines) > 1 and there < len(names) and not any(file):
                 log.warning('%s: the last row is cut short (%d of %d columns), and left out',
                             path, there, len(names))
@@ -253,9 +268,10 @@ def _load_csv(path: Path, wanted: set[str], rows: tuple[int, int | None], decima
     return {name: data[:, k].copy() for k, name in enumerate(order)}
 
 
-def _bad_cell(lines: list[str], delimiter: str, names: Mapping[int, str], first: int) -> str:
+def _bad_cell(lines: list[str], delimiter: str | None, names: Mapping[int, str], first: int
+              ) -> str:
     """Say where the first cell is that is no number; '' if none is found."""
-    for row, cells in enumerate(csv.reader(lines, delimiter=delimiter), start=first):
+    for row, cells in enumerate((_cells(line, delimiter) for line in lines), start=first):
         for index, name in names.items():
             if index >= len(cells):
                 return f'row {row} has no column {name}: it has {len(cells)} columns only'

@@ -75,7 +75,8 @@ class TableMap:
             of the table.
         time_range: the times to read, both included [s].
         origin: where the data comes from; the bag will say so.
-        decimal: what separates the whole part of a number of a CSV file, '.' or ','.
+        decimal: what separates the whole part of a number in a text file, '.' or ','.
+        header: whether a text file has a line of names; else its columns are 1, 2, 3, ...
     """
 
     plant: str
@@ -87,10 +88,11 @@ class TableMap:
     time_range: tuple[float, float] = (-math.inf, math.inf)
     origin: str = ''
     decimal: str = '.'
+    header: bool = True
 
 
 KEYS = ('plant', 'signals', 'time', 'sample_rate', 'series', 'rows', 'time_range', 'origin',
-        'decimal')
+        'decimal', 'header')
 
 
 def load_map(path: Path) -> TableMap:
@@ -119,6 +121,9 @@ def load_map(path: Path) -> TableMap:
     decimal = document.get('decimal', '.')
     if decimal not in ('.', ','):
         raise UserError(f"{path}: decimal must be '.' or ',', not {decimal!r}")
+    header = document.get('header', True)
+    if not isinstance(header, bool):
+        raise UserError(f'{path}: header must be true or false, not {header!r}')
     signals = {str(name): _column(given, f'{path}: signal {name}')
                for name, given in document['signals'].items()}
     return TableMap(
@@ -127,12 +132,13 @@ def load_map(path: Path) -> TableMap:
         series=str(document['series']) if 'series' in document else None,
         rows=_rows(document.get('rows', [1, None]), f'{path}: rows'),
         time_range=_time_range(document.get('time_range', [None, None]), f'{path}: time_range'),
-        origin=' '.join(str(document.get('origin', '')).split()), decimal=decimal)
+        origin=' '.join(str(document.get('origin', '')).split()), decimal=decimal,
+        header=header)
 
 
 def _column(given: Any, what: str) -> Column:
     """Read one entry: a column's name, or column or product, unit, scale, offset."""
-    if isinstance(given, str):
+    if isinstance(given, str | int):
         given = {'column': given}
     if not isinstance(given, dict) or ('column' in given) == ('product' in given):
         raise UserError(f"{what} needs either 'column', a name, or 'product', a list of names")

@@ -53,6 +53,29 @@ def test_a_decimal_comma(tmp_path):
         table_map(tmp_path, MAP + "decimal: ';'\n")
 
 
+def test_columns_without_names_are_counted(tmp_path):
+    path = tmp_path / 'a.csv'
+    path.write_text(CSV.partition('\n')[2])
+    numbered = re.sub(r'\b(t|speed|direction|x)([},\]])', lambda name: str(
+        1 + ['t', 'speed', 'direction', 'x'].index(name[1])) + name[2], MAP)
+    (series,) = read_table(path, table_map(tmp_path, numbered + 'header: false\n'))
+    for name, values in zip(('command', 'x'), expected(), strict=True):
+        np.testing.assert_allclose(series[name], values, rtol=1e-12)
+    with pytest.raises(UserError, match="header must be true or false, not 'no'"):
+        table_map(tmp_path, MAP + "header: 'no'\n")
+
+
+def test_blanks_between_columns(tmp_path):
+    path = tmp_path / 'a.txt'
+    path.write_text('# ' + CSV.replace(',', '   '))
+    (series,) = read_table(path, table_map(tmp_path))
+    for name, values in zip(('command', 'x'), expected(), strict=True):
+        np.testing.assert_allclose(series[name], values, rtol=1e-12)
+    path.write_text('t speed direction x\n 0 1 1 oops\n')
+    with pytest.raises(BagError, match=r"column x is not a finite number in row 1: 'oops'"):
+        read_table(path, table_map(tmp_path))
+
+
 def test_a_file_that_is_not_in_utf_8_says_so(tmp_path):
     path = tmp_path / 'a.csv'
     path.write_bytes(CSV.replace('note', 'Prüfer').encode('latin-1'))
@@ -141,7 +164,7 @@ def test_mistakes_in_a_map_file(tmp_path, text, says):
     ('a.xlsx', b'PK', 'a table is .csv'),
     ('a.csv', b'', 'no column direction, speed, t, x'),
     ('a.csv', b't,speed,direction\n', 'no column x; it has t, speed, direction$'),
-    ('a.csv', b'0.0,-1,2e3,4\n', 'it has 0.0, -1, 2e3, 4; is there no header line'),
+    ('a.csv', b'0.0,-1,2e3,4\n', 'it has 0.0, -1, 2e3, 4; for a table without a line of names'),
     ('a.csv', b't,speed,direction,x\n', 'has no rows'),
     ('a.csv', b't,speed,direction,x\n1,2,3\n', 'row 1 has no column x: it has 3 columns'),
     ('a.csv', b't,speed,direction,x\n1,2,3,4\n\n2,2,3,oops\n', "column x is.*row 2: 'oops'"),
