@@ -1,20 +1,17 @@
 """Reads tables (text, MAT, NPZ) as series, with stamps by a time column or a sample rate."""
 from __future__ import annotations
 
-from collections.abc import Collection, Iterator, Mapping
-from contextlib import contextmanager
-import csv
-import gzip
-from itertools import chain, islice, pairwise
+from collections.abc import Collection, Mapping
+from itertools import pairwise
 import logging
 import math
 from pathlib import Path
-import re
 
 import numpy as np
 
 from hydro_twin.errors import BagError
 from hydro_twin.recording.cdr import IntArray
+from hydro_twin.recording.columns import load_columns
 from hydro_twin.recording.grid import MAX_GAP
 from hydro_twin.recording.series import FloatArray, StampedSeries
 from hydro_twin.recording.table_map import TableMap
@@ -25,9 +22,6 @@ START = 1_000_000_000   # stamp of the first sample [ns]: in ROS a stamp of zero
 PAUSE = 10_000_000_000   # between two runs [ns], or twice what would still be bridged if longer
 LONGEST = 2e9   # [s]: a stamp holds seconds in 32 bits
 EVEN = 0.01   # of a period: a time column is off the line by rounding only, not by jitter
-COLUMN_OF = re.compile(r'(.+)\[(\d+)\]')
-TEXT = ('.csv', '.tsv', '.txt', '.dat')
-SUFFIXES = (*TEXT, *(f'{suffix}.gz' for suffix in TEXT), '.mat', '.npz')
 
 
 def read_table(path: Path, table_map: TableMap, after: int | None = None,
@@ -50,8 +44,9 @@ def read_table(path: Path, table_map: TableMap, after: int | None = None,
     """
     entries = [*table_map.signals.values(), *([table_map.time] if table_map.time else [])]
     wanted = {name for entry in entries for name in entry.columns}
-    table = _load(path, wanted | ({table_map.series} if table_map.series else set()),
-                  table_map)
+    if table_map.series:
+        wanted.add(table_map.series)
+    table = load_columns(path, wanted, table_map)
     count = max(map(len, table.values()))
     if any(len(column) not in (1, count) for column in table.values()):
         lengths = ', '.join(f'{name} {len(column)}' for name, column in table.items())
@@ -169,168 +164,3 @@ def _evened(stamps: IntArray) -> IntArray:
     line = np.rint(first + period * counts).astype(np.int64)
     even = np.abs(time - line).max() <= EVEN * period and (np.diff(line) > 0).all()
     return stamps[0] + line if even else stamps
-
-
-def _load(path: Path, wanted: set[str], table_map: TableMap) -> dict[str, FloatArray]:
-    """Load the rows of a map of the columns wanted of a table."""
-    if not path.is_file():
-        raise BagError(f'{path}: no such table')
-    if not path.name.lower().endswith(SUFFIXES):
-        raise BagError(f'{path}: a table is {", ".join(SUFFIXES)}')
-    if path.suffix.lower() == '.mat':
-        return _load_mat(path, wanted, table_map.rows)
-    if path.suffix.lower() == '.npz':
-        return _load_npz(path, wanted, table_map.rows)
-    return _load_text(path, wanted, table_map)
-
-
-def _check_names(path: Path, wanted: set[str], there: list[str]) -> None:
-    """Say which columns are not there, or are there twice."""
-    if absent := sorted(wanted - set(there)):
-        said = f'{path} has no column {", ".join(absent)}; it has {", ".join(there)}'
-        if there and all(map(_is_number, there)):
-            said += '; for a table without a line of names give header: false in the map'
-        raise BagError(said)
-    if twice := sorted(name for name in wanted if there.count(name) > 1):
-        raise BagError(f'{path} has several columns named {", ".join(twice)}: which one is meant?')
-
-
-def _is_number(text: str) -> bool:
-    """Whether a text can be read as a number."""
-    try:
-        float(text)
-    except ValueError:
-        return False
-    return True
-
-
-def _too_short(path: Path, rows: tuple[int, int | None]) -> BagError:
-    """Make the error for a table that does not reach the rows asked for."""
-    return BagError(f'{path} has no rows' if rows[0] == 1 else f'{path} has no row {rows[0]}')
-
-
-@contextmanager
-def _opened(path: Path, header: bool) -> Iterator[tuple[Iterator[str], list[str], str | None]]:
-    """Open a text file; yield its rows, the names of its columns, and what separates them.
-
-    That is ',', ';' or a tab, whichever is there; None stands for blanks.
-    """
-    with (gzip.open(path, 'rt', encoding='utf-8-sig') if path.suffix.lower() == '.gz'
-          else path.open(encoding='utf-8-sig')) as file:
-        line = file.readline()
-        delimiter = max(',;\t', key=line.count)
-        separator = delimiter if delimiter in line else None
-        names = _cells(line.lstrip('#') if header else line, separator)
-        if header:
-            yield filter(str.strip, file), names, separator
-        else:
-            yield filter(str.strip, chain([line], file)), [
-                str(k) for k in range(1, len(names) + 1)], separator
-
-
-def _cells(line: str, separator: str | None) -> list[str]:
-    """Divide a line of a text file."""
-    if separator is None:
-        return line.split()
-    (cells,) = csv.reader([line], delimiter=separator, skipinitialspace=True)
-    return [cell.strip() for cell in cells]
-
-
-def _load_text(path: Path, wanted: set[str], table_map: TableMap) -> dict[str, FloatArray]:
-    """Load columns of a text file."""
-    order, rows, decimal = sorted(wanted), table_map.rows, table_map.decimal
-    try:
-        with _opened(path, table_map.header) as (file, names, delimiter):
-            _check_names(path, wanted, names)
-            lines = list(islice(file, rows[0] - 1, rows[1]))
-            there = len(_cells(lines[-1], delimiter)) if lines else 0
-            if len(lines) > 1 and there < len(names) and not any(file):
-                log.warning('%s: the last row is cut short (%d of %d columns), and left out',
-                            path, there, len(names))
-                lines.pop()
-    except UnicodeDecodeError as error:
-        raise BagError(f'{path} cannot be read: save it in UTF-8 ({error})') from None
-    except (OSError, EOFError) as error:
-        raise BagError(f'{path} cannot be read: {error}') from None
-    if decimal == delimiter:
-        raise BagError(f'{path}: a comma separates its columns, so it cannot be in its numbers')
-    if decimal != '.':
-        lines = [line.replace(decimal, '.') for line in lines]
-    if not lines:
-        raise _too_short(path, rows)
-    used = [names.index(name) for name in order]
-    try:
-        data = np.loadtxt(lines, delimiter=delimiter, comments=None, quotechar='"', ndmin=2,
-                          usecols=used)
-    except ValueError as error:
-        said = _bad_cell(lines, delimiter, dict(zip(used, order, strict=True)), rows[0])
-        raise BagError(f'{path}: {said or f"cannot be read: {error}"}') from None
-    return {name: data[:, k].copy() for k, name in enumerate(order)}
-
-
-def _bad_cell(lines: list[str], delimiter: str | None, names: Mapping[int, str], first: int
-              ) -> str:
-    """Say where the first cell is that is no number; '' if none is found."""
-    for row, cells in enumerate((_cells(line, delimiter) for line in lines), start=first):
-        for index, name in names.items():
-            if index >= len(cells):
-                return f'row {row} has no column {name}: it has {len(cells)} columns only'
-            if not _is_number(cells[index]):
-                said = repr(cells[index]) if cells[index].strip() else 'the cell is empty'
-                if delimiter != ',' and ',' in said:
-                    said += "; for a decimal comma give decimal: ',' in the map"
-                return f'column {name} is not a finite number in row {row}: {said}'
-    return ''
-
-
-def _load_mat(path: Path, wanted: set[str], rows: tuple[int, int | None],
-              ) -> dict[str, FloatArray]:
-    """Load variables of a MAT file."""
-    from scipy.io import loadmat, whosmat
-
-    try:
-        _check_names(path, wanted, [name for name, _, _ in whosmat(path)])
-        content = loadmat(path, variable_names=list(wanted))
-        variables = {name: np.asarray(content[name], np.float64) for name in wanted}
-    except NotImplementedError:
-        raise BagError(f"{path} is a MAT file of version 7.3: save it with '-v7'") from None
-    except BagError:
-        raise
-    except Exception as error:   # scipy lets out whatever a damaged byte causes
-        raise BagError(f'{path} cannot be read as a MAT file: {error}') from None
-    return _as_columns(path, variables, rows)
-
-
-def _load_npz(path: Path, wanted: set[str], rows: tuple[int, int | None],
-              ) -> dict[str, FloatArray]:
-    """Load arrays of an NPZ file; `q[2]` is the third column of an array q of several."""
-    places = {name: COLUMN_OF.fullmatch(name) for name in wanted}
-    owners = {name: place[1] if place else name for name, place in places.items()}
-    try:
-        with np.load(path) as content:
-            _check_names(path, set(owners.values()), list(content))
-            variables = {name: np.asarray(content[owner], np.float64)
-                         for name, owner in owners.items()}
-            for name, place in places.items():
-                if place:
-                    variables[name] = variables[name][:, int(place[2])]
-    except BagError:
-        raise
-    except IndexError as error:
-        raise BagError(f'{path}: {error}') from None
-    except Exception as error:   # whatever a damaged byte causes, or an array of objects
-        raise BagError(f'{path} cannot be read as an NPZ file: {error}') from None
-    return _as_columns(path, variables, rows)
-
-
-def _as_columns(path: Path, variables: Mapping[str, FloatArray], rows: tuple[int, int | None],
-                ) -> dict[str, FloatArray]:
-    """Take the rows of variables; a single number counts as a column of it."""
-    for name, variable in variables.items():
-        if variable.size == 0 or variable.size != max(variable.shape, default=1):
-            shape = ' x '.join(map(str, variable.shape))
-            raise BagError(f'{path}: {name} is {shape}, not a column')
-    if max(variable.size for variable in variables.values()) < rows[0]:
-        raise _too_short(path, rows)
-    return {name: one.ravel() if one.size == 1 else one.ravel()[rows[0] - 1:rows[1]]
-            for name, one in variables.items()}

@@ -190,14 +190,19 @@ def test_mistakes_in_a_table(tmp_path, name, content, says):
     assert '\n' not in str(caught.value)
 
 
-def test_a_column_of_an_array_of_several(tmp_path):
+@pytest.mark.parametrize('name', ['a.npz', 'a.mat'])
+def test_a_column_of_an_array_of_several(tmp_path, name):
     k = np.arange(9.0)
-    np.savez(tmp_path / 'a.npz', t=k, q=np.column_stack([k, 10 * k]))
+    arrays = {'t': k, 'q': np.column_stack([k, 10 * k])}
+    if name == 'a.mat':
+        savemat(tmp_path / name, arrays)
+    else:
+        np.savez(tmp_path / name, **arrays)
     said = 'plant: cylinder\ntime: {column: t}\nsignals: {command: "q[1]", x: "q[0]"}\n'
-    (series,) = read_table(tmp_path / 'a.npz', table_map(tmp_path, said))
+    (series,) = read_table(tmp_path / name, table_map(tmp_path, said))
     assert series['command'].tolist() == (10 * k).tolist()
     with pytest.raises(BagError, match='index 2 is out of bounds'):
-        read_table(tmp_path / 'a.npz', table_map(tmp_path, said.replace('q[0]', 'q[2]')))
+        read_table(tmp_path / name, table_map(tmp_path, said.replace('q[0]', 'q[2]')))
 
 
 @pytest.mark.parametrize(('x', 'says'), [
