@@ -17,6 +17,7 @@ from hydro_twin.fitting.parts import Part
 from hydro_twin.inference.beam import widen
 from hydro_twin.inference.chain import finely, FINEST, grow, simplified, supported
 from hydro_twin.inference.context import Context
+from hydro_twin.inference.continuation import from_short_windows
 from hydro_twin.inference.curve import FittedCurve
 from hydro_twin.inference.findings import Chain
 from hydro_twin.inference.proof import proof
@@ -57,6 +58,7 @@ def explain(base: Fit, context: Context, known: Sequence[Model]) -> Explanation:
         context: the data.
         known: models with one effect more, to start from.
     """
+    known = [*known, *from_short_windows(base, context)]
     base, chain, _ = _grown(base, context, known)
     if is_coloured(chain.fit):
         context.progress('repeating the search with coloured noise')

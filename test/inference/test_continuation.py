@@ -1,0 +1,48 @@
+"""Starts on short windows: found where a search over long ones ends in the wrong minimum."""
+import numpy as np
+import pytest
+
+from hydro_twin.fitting.linear import fit_linear
+from hydro_twin.fitting.parts import Part
+from hydro_twin.inference.context import Context
+from hydro_twin.inference.continuation import from_short_windows
+from hydro_twin.inference.select import fit_alternatives
+from hydro_twin.model import Model, place
+from hydro_twin.plants import plant_named
+
+PLANT, T, NOISE = plant_named('rotary_axis'), 0.004, 1e-4
+RIPPLE = {'cosine': 0.5, 'sine': 0.2, 'periods': 6.0}
+
+
+def cogging():
+    """A drive whose torque ripples, over a turn and more in each of four series."""
+    values, rng = {'J': 0.02, 'B': 0.1}, np.random.default_rng(0)
+    system = Model(PLANT, values, T, (place('ripple', 'motor', RIPPLE, PLANT),), substeps=8).system
+    time, parts = T * np.arange(350), []
+    for hertz in (0.5, 0.7, 0.9, 1.1):
+        torque = 2.0 * np.sin(2 * np.pi * hertz * time) + rng.normal(0.0, 0.5, len(time))
+        theta = system.run(torque[:, None], np.zeros(2))
+        parts.append(Part(torque[:, None], theta + NOISE * rng.standard_normal(len(time))))
+    return parts
+
+
+def test_a_ripple_that_a_long_run_meets_in_the_wrong_phase():
+    parts = cogging()
+    base = fit_linear(PLANT, parts, {}, T)
+    context = Context(parts, parts, (0.0, 1.0), 0, lambda _: None)
+    best = from_short_windows(base, context)[0]
+    assert best.effects[-1].effect.id == 'ripple'
+    assert best.effects[-1].named['periods'] == pytest.approx(6.0, rel=0.01)
+
+    without, known = (fit_alternatives(base, parts, context.times, 4, True, known=some)[0].fit
+                      for some in ([], [best]))
+    assert known.error < 1.1 * NOISE < 0.1 * without.error
+
+
+def test_a_plant_that_forgets_needs_none():
+    plant = plant_named('control_valve')
+    command = np.repeat([0.2, 0.7, 0.4], 100)[:, None]
+    model = Model(plant, {'tau': 1.0, 'K': 1.0}, 0.1)
+    parts = [Part(command, model.system.run(command, np.array([0.2])))]
+    context = Context(parts, parts, (0.0, 1.0), 0, lambda _: None)
+    assert from_short_windows(fit_linear(plant, parts, {}, 0.1), context) == []
