@@ -148,6 +148,8 @@ class Effect:
         course: of a parameter of the plant, which is the port; there is no law.
         named: whether it explains what it adds; a curve that is merely found does not.
         dynamic: whether it is linear dynamics, which no curve over a signal shows.
+        periodic: whether it repeats with what it reads: a run that is half a period off meets it
+            in the wrong phase.
         shows: what an observer publishes of it.
         simpler: id of an effect that is chosen instead unless this one is clearly better.
     """
@@ -172,6 +174,7 @@ class Effect:
     course: Course | None = None
     named: bool = True
     dynamic: bool = False
+    periodic: bool = False
     simpler: str = ''
     shows: tuple[Quantity, ...] = ()
 

@@ -86,6 +86,7 @@ EFFECT = Effect(
     starts=starts,
     excitation='turn the motor slowly through several periods',
     hides=True,
+    periodic=True,
     refined=refined,
     distinguishable=distinguishable,
     passes_for=passes_for,

@@ -1,43 +1,94 @@
-"""From short windows to long ones: where a search over long free runs begins.
+"""Short windows of a plant that integrates: where a search over long ones begins, and its check.
 
 The error of a long free run has many minima: one that is off by half a period of a ripple meets it
 in the wrong phase, and no step of a search leads from there. Over a short window a run stays near
-what was measured, and the minimum is wide. So the effects are first fitted to short windows, each
-with its own initial state, and go on from there [Ribeiro et al. 2020, Automatica 121].
+what was measured, and the minimum is wide. So a ripple is first fitted to short windows, each with
+its own initial state, and goes on from there [Ribeiro et al. 2020, Automatica 121].
+
+A long run also adds up what no law explains, and a law may be chosen for making up for that, as a
+dead zone of the torque where a joint has dry friction. Over short windows little of it adds up.
 """
 from __future__ import annotations
 
+from collections.abc import Sequence
+from dataclasses import replace
+
+from hydro_twin.effects import Placed
 from hydro_twin.fitting.fit import Fit
 from hydro_twin.fitting.horizon import windows
-from hydro_twin.fitting.parts import least_samples
+from hydro_twin.fitting.parts import least_samples, Part
 from hydro_twin.inference.chain import LATER
 from hydro_twin.inference.context import Context
-from hydro_twin.inference.select import fit_alternatives, LONG, search
+from hydro_twin.inference.criterion import CLEARLY, criterion
+from hydro_twin.inference.findings import Chain
+from hydro_twin.inference.screen import places
+from hydro_twin.inference.select import fit_alternatives, LONG, search, search_all
 from hydro_twin.model import Model
 
 SHORTER = 8             # times: a constant force that is lacking moves a mass by a 64th as much
 
 
 def from_short_windows(base: Fit, context: Context) -> list[Model]:
-    """Fit effects to short windows of a plant that integrates, where a long run is soon far off.
+    """Fit periodic effects to short windows of a plant that integrates.
 
     Args:
         base: the model without effects, fitted to the data.
         context: the data.
 
     Returns:
-        The best models with one effect more; none where the plant forgets, or the windows of the
-        data are no longer than it takes.
+        The best models with one more; none where the plant forgets, or has no place for one.
     """
-    candidate, parts = base.candidate, context.parts
+    candidate = base.candidate
+    short = _short_windows(candidate, context.parts)
+    if not short or not any(effect.periodic for effect, _ in places(
+            candidate.plant, candidate.effects)):
+        return []
+    context.progress('fitting short windows')
+    found = fit_alternatives(search(candidate, short, LONG), short, context.times, LATER, True,
+                             context.progress)
+    return [one.fit.candidate for one in found if one.placed.effect.periodic]
+
+
+def with_rivals_of_short_windows(chain: Chain, context: Context) -> Chain:
+    """Put rivals of an effect as near as it is that are clearly better on short windows.
+
+    What fits long runs better, and short ones worse, is not the law, or not the only one.
+    """
+    candidate = chain.fit.candidate
+    short = _short_windows(candidate, context.parts) if chain.findings else []
+    if not short:
+        return chain
+    context.progress('comparing on short windows')
+    named, findings = {placed.effect.id for placed in candidate.effects}, []
+    for found in chain.findings:
+        rivals: dict[str, Placed] = {}
+        for placed, _ in found.rivals:
+            if placed.effect.id not in named:
+                rivals.setdefault(placed.effect.id, placed)
+        score, *scores = criterion(list(search_all(
+            [candidate, *(_with(candidate, found.index, placed) for placed in rivals.values())],
+            short, LONG)))
+        better = [placed for placed, other in zip(rivals.values(), scores, strict=True)
+                  if other < score - CLEARLY]
+        findings.append(replace(found, rivals=tuple(sorted(
+            ((placed, 0.0 if placed in better else distance)
+             for placed, distance in found.rivals), key=lambda rival: rival[1]))))
+    return replace(chain, findings=tuple(findings))
+
+
+def _with(candidate: Model, index: int, placed: Placed) -> Model:
+    """Put another effect in the place of one."""
+    effects = list(candidate.effects)
+    effects[index] = placed
+    return replace(candidate, effects=tuple(effects),
+                   timing={} if placed.effect.shifts else candidate.timing)
+
+
+def _short_windows(candidate: Model, parts: Sequence[Part]) -> list[Part]:
+    """Cut the windows of the data into shorter ones; none where that cannot be, or need not."""
     if not candidate.plant.integrates:
         return []
     least = least_samples(candidate.plant, candidate.sample_time)
     short = [window for part in parts for window in windows(
         part, max(len(part.measured) // SHORTER, least), least, candidate.sample_time)]
-    if len(short) == len(parts):
-        return []
-    context.progress('fitting short windows')
-    found = fit_alternatives(search(candidate, short, LONG), short, context.times, LATER, True,
-                             context.progress)
-    return [one.fit.candidate for one in found[:LATER]]
+    return short if len(short) > len(parts) else []

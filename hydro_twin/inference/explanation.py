@@ -17,7 +17,7 @@ from hydro_twin.fitting.parts import Part
 from hydro_twin.inference.beam import widen
 from hydro_twin.inference.chain import finely, FINEST, grow, simplified, supported
 from hydro_twin.inference.context import Context
-from hydro_twin.inference.continuation import from_short_windows
+from hydro_twin.inference.continuation import from_short_windows, with_rivals_of_short_windows
 from hydro_twin.inference.curve import FittedCurve
 from hydro_twin.inference.findings import Chain
 from hydro_twin.inference.proof import proof
@@ -60,12 +60,14 @@ def explain(base: Fit, context: Context, known: Sequence[Model]) -> Explanation:
     """
     known = [*known, *from_short_windows(base, context)]
     base, chain, _ = _grown(base, context, known)
+    found = None
     if is_coloured(chain.fit):
         context.progress('repeating the search with coloured noise')
-        if found := _by_likelihood(base, chain, context):
-            return found
-    context.progress('trying free curves')
-    return Explanation(base, *with_curve(chain, base, context))
+        found = _by_likelihood(base, chain, context)
+    if found is None:
+        context.progress('trying free curves')
+        found = Explanation(base, *with_curve(chain, base, context))
+    return found._replace(chain=with_rivals_of_short_windows(found.chain, context))
 
 
 def _by_likelihood(base: Fit, chain: Chain, context: Context) -> Explanation | None:

@@ -1,12 +1,13 @@
-"""Starts on short windows: found where a search over long ones ends in the wrong minimum."""
+"""Short windows: a start where a search over long ones is led astray, and a check of names."""
 import numpy as np
 import pytest
 
 from hydro_twin.fitting.linear import fit_linear
 from hydro_twin.fitting.parts import Part
 from hydro_twin.inference.context import Context
-from hydro_twin.inference.continuation import from_short_windows
-from hydro_twin.inference.select import fit_alternatives
+from hydro_twin.inference.continuation import from_short_windows, with_rivals_of_short_windows
+from hydro_twin.inference.findings import Chain, Finding
+from hydro_twin.inference.select import fit_alternatives, search
 from hydro_twin.model import Model, place
 from hydro_twin.plants import plant_named
 
@@ -15,7 +16,7 @@ RIPPLE = {'cosine': 0.5, 'sine': 0.2, 'periods': 6.0}
 
 
 def cogging():
-    """A drive whose torque ripples, over a turn and more in each of four series."""
+    """Run a drive whose torque ripples, over a turn and more in each of four series."""
     values, rng = {'J': 0.02, 'B': 0.1}, np.random.default_rng(0)
     system = Model(PLANT, values, T, (place('ripple', 'motor', RIPPLE, PLANT),), substeps=8).system
     time, parts = T * np.arange(350), []
@@ -46,3 +47,23 @@ def test_a_plant_that_forgets_needs_none():
     parts = [Part(command, model.system.run(command, np.array([0.2])))]
     context = Context(parts, parts, (0.0, 1.0), 0, lambda _: None)
     assert from_short_windows(fit_linear(plant, parts, {}, 0.1), context) == []
+
+
+def test_a_rival_that_is_better_on_short_windows_is_as_near():
+    plant = plant_named('positioning')
+    laws = [place('friction', 'motor', {'coulomb': 20.0}, plant),
+            place('dead_zone', 'command', {'width': 20.0}, plant)]
+    rig = Model(plant, {'M': 100.0, 'F_v': 200.0}, 0.01, (laws[0],), substeps=4)
+    time, rng, parts = 0.01 * np.arange(600), np.random.default_rng(0), []
+    for hertz in (0.3, 0.4):
+        force = 60.0 * np.sin(2 * np.pi * hertz * time)[:, None]
+        x = rig.system.run(force, np.zeros(2))
+        parts.append(Part(force, x + 1e-5 * rng.standard_normal(len(time))))
+    context = Context(parts, parts, (0.0, 1.0), 0, lambda _: None)
+    distances = []
+    for law, rival in (laws, laws[::-1]):
+        fit = search(Model(plant, rig.values, 0.01, (law,), substeps=4), parts, 40)
+        chain = Chain(fit, (Finding(0, 0.0, 1.0, ((rival, 500.0),)),))
+        (found,) = with_rivals_of_short_windows(chain, context).findings
+        distances.append(found.rivals[0][1])
+    assert distances == [500.0, 0.0]
