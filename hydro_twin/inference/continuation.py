@@ -52,7 +52,8 @@ def from_short_windows(base: Fit, context: Context) -> list[Model]:
 def with_rivals_of_short_windows(chain: Chain, context: Context) -> Chain:
     """Put rivals of an effect as near as it is that are clearly better on short windows.
 
-    What fits long runs better, and short ones worse, is not the law, or not the only one.
+    What fits long runs better, and short ones worse, is not the law, or not the only one. But a
+    rival with a state of its own fits short windows better for the freedom of where that begins.
     """
     candidate = chain.fit.candidate
     short = _short_windows(candidate, context.parts) if chain.findings else []
@@ -63,8 +64,10 @@ def with_rivals_of_short_windows(chain: Chain, context: Context) -> Chain:
     for found in chain.findings:
         rivals: dict[str, Placed] = {}
         for placed, _ in found.rivals:
-            if placed.effect.id not in named:
-                rivals.setdefault(placed.effect.id, placed)
+            effect = placed.effect
+            is_free = effect.dynamic or (effect.memory > 0 and not effect.implicit)
+            if effect.id not in named and not is_free:
+                rivals.setdefault(effect.id, placed)
         score, *scores = criterion(list(search_all(
             [candidate, *(_with(candidate, found.index, placed) for placed in rivals.values())],
             short, LONG)))
