@@ -131,13 +131,13 @@ class MapColumn(Struct, kw_only=True, forbid_unknown_fields=True):
 
 
 def one_of(first: str, second: str) -> Meta:
-    """Say that an object has one of two entries, and not both; or it is a text."""
+    """Say that an object has one of two entries, and not both; or it is a name."""
     return Meta(extra_json_schema={'oneOf': [
-        {'type': 'string'}, *({'type': 'object', 'required': [name]} for name in (first, second))
-    ]})
+        {'type': ['string', 'integer']},
+        *({'type': 'object', 'required': [name]} for name in (first, second))]})
 
 
-MapEntry = Annotated[str | MapColumn, one_of('column', 'product')]
+MapEntry = Annotated[str | int | MapColumn, one_of('column', 'product')]
 
 
 class TableMapFile(Struct, kw_only=True, forbid_unknown_fields=True):
@@ -155,6 +155,7 @@ class TableMapFile(Struct, kw_only=True, forbid_unknown_fields=True):
                           Meta(description='begin and end [s]')] | UnsetType = UNSET
     origin: Annotated[str, Meta(description='where the data come from')] = ''
     decimal: Literal['.', ','] = '.'
+    header: bool = True
 
 
 class SignalEntry(Struct, kw_only=True, forbid_unknown_fields=True):

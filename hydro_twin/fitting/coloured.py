@@ -15,7 +15,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import replace
 
-from scipy import stats
+import scipy
 
 from hydro_twin.fitting.autoregression import (
     autoregression,
@@ -103,4 +103,4 @@ def _differ(ordinary: Fit, coloured: Fit) -> bool:
     """
     pairs = zip(coloured.by_output, ordinary.by_output, strict=True)
     rise = sum(effective_gain(*pair) for pair in pairs)
-    return bool(rise > stats.chi2.isf(CHANCE, len(ordinary.unknowns)))
+    return bool(rise > scipy.stats.chi2.isf(CHANCE, len(ordinary.unknowns)))

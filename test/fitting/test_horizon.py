@@ -35,7 +35,7 @@ def cylinder(speed):
 
 def test_which_plants_integrate():
     assert {name for name, plant in PLANTS.items() if plant.integrates} == {
-        'cylinder', 'positioning'}
+        'cylinder', 'positioning', 'rotary_axis'}
 
 
 def test_a_gain_that_is_wrong_counts_over_a_window_and_not_over_the_whole():

@@ -33,7 +33,7 @@ def moved(plant):
     """Move the inputs of a plant so that its output swings."""
     rng = np.random.default_rng(1)
     t = plant.sample_time * np.arange(SAMPLES)
-    scale = {'u_m': 0.1, 'theta_d': 0.02, 'force': 300.0}
+    scale = {'u_m': 0.1, 'theta_d': 0.02, 'force': 300.0, 'torque': 5.0}
     return np.column_stack([
         scale.get(signal.name, 0.5) * sum(
             np.sin(2 * np.pi * f / (SAMPLES * plant.sample_time) * t + rng.uniform(0, 6))
