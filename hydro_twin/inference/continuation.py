@@ -23,6 +23,7 @@ from hydro_twin.inference.criterion import CLEARLY, criterion
 from hydro_twin.inference.findings import Chain
 from hydro_twin.inference.screen import places
 from hydro_twin.inference.select import fit_alternatives, LONG, search, search_all
+from hydro_twin.inference.starts import with_other
 from hydro_twin.model import Model
 
 SHORTER = 8             # times: a constant force that is lacking moves a mass by a 64th as much
@@ -69,8 +70,8 @@ def with_rivals_of_short_windows(chain: Chain, context: Context) -> Chain:
             if effect.id not in named and not is_free:
                 rivals.setdefault(effect.id, placed)
         score, *scores = criterion(list(search_all(
-            [candidate, *(_with(candidate, found.index, placed) for placed in rivals.values())],
-            short, LONG)))
+            [candidate, *(with_other(candidate, found.index, placed)
+                          for placed in rivals.values())], short, LONG)))
         better = [placed for placed, other in zip(rivals.values(), scores, strict=True)
                   if other < score - CLEARLY]
         findings.append(replace(found, rivals=tuple(sorted(
@@ -79,19 +80,11 @@ def with_rivals_of_short_windows(chain: Chain, context: Context) -> Chain:
     return replace(chain, findings=tuple(findings))
 
 
-def _with(candidate: Model, index: int, placed: Placed) -> Model:
-    """Put another effect in the place of one."""
-    effects = list(candidate.effects)
-    effects[index] = placed
-    return replace(candidate, effects=tuple(effects),
-                   timing={} if placed.effect.shifts else candidate.timing)
-
-
 def _short_windows(candidate: Model, parts: Sequence[Part]) -> list[Part]:
     """Cut the windows of the data into shorter ones; none where that cannot be, or need not."""
     if not candidate.plant.integrates:
         return []
     least = least_samples(candidate.plant, candidate.sample_time)
     short = [window for part in parts for window in windows(
-        part, max(len(part.measured) // SHORTER, least), least, candidate.sample_time)]
+        part, len(part.measured) // SHORTER, least, candidate.sample_time)]
     return short if len(short) > len(parts) else []

@@ -23,6 +23,7 @@ from hydro_twin.inference.findings import Chain, finding, other_findings, share
 from hydro_twin.inference.proof import doubt, proof, residuals, surer_improvement
 from hydro_twin.inference.reading import equivalents
 from hydro_twin.inference.select import LONG, search_all
+from hydro_twin.inference.starts import with_other
 from hydro_twin.result import CLOSE
 
 UNPROVEN = 0.15         # probability that it does not help up to which an effect stays beside
@@ -200,9 +201,6 @@ def _close_rivals(chain: Chain, k: int, context: Context
     """Fit each close rival in the place of an effect."""
     found, candidate = chain.findings[k], chain.fit.candidate
     close = [rival for rival in found.rivals if rival[1] < CLOSE]
-    others = candidate.effects[:found.index], candidate.effects[found.index + 1:]
-    fits = search_all([
-        replace(candidate, effects=(*others[0], placed, *others[1]),
-                timing={} if placed.effect.shifts else candidate.timing)
-        for placed, _ in close], context.parts, LONG)
+    fits = search_all([with_other(candidate, found.index, placed) for placed, _ in close],
+                      context.parts, LONG)
     return zip(close, fits, strict=True)

@@ -32,6 +32,14 @@ def with_effect(candidate: Model, placed: Placed) -> Model:
                    timing={} if placed.effect.shifts else candidate.timing)
 
 
+def with_other(candidate: Model, index: int, placed: Placed) -> Model:
+    """Put another effect in the place of one."""
+    effects = list(candidate.effects)
+    effects[index] = placed
+    return replace(candidate, effects=tuple(effects),
+                   timing={} if placed.effect.shifts else candidate.timing)
+
+
 def linear_starts(candidate: Model, parts: Sequence[Part]) -> list[Model]:
     """List linear models to start from: the middle of the box, and fits by the one-step error.
 

@@ -75,12 +75,10 @@ def _opened(path: Path, header: bool) -> Iterator[tuple[Iterator[str], list[str]
         line = file.readline()
         delimiter = max(',;\t', key=line.count)
         separator = delimiter if delimiter in line else None
-        names = _cells(line.lstrip('#') if header else line, separator)
-        if header:
-            yield filter(str.strip, file), names, separator
-        else:
-            yield filter(str.strip, chain([line], file)), [
-                str(k) for k in range(1, len(names) + 1)], separator
+        names, rows = _cells(line.lstrip('#') if header else line, separator), iter(file)
+        if not header:
+            names, rows = [str(k + 1) for k in range(len(names))], chain([line], file)
+        yield filter(str.strip, rows), names, separator
 
 
 def _cells(line: str, separator: str | None) -> list[str]:
