@@ -9,34 +9,23 @@ from hydro_twin.keep.settings import SETTINGS as KEEP
 from hydro_twin.live.settings import SETTINGS
 from hydro_twin.plants import PLANTS
 
-TYPES = {'model': str, 'models': list[str], 'plant': str, 'mode': str, 'horizon': int,
-         'follow': list[str], 'wait': float, 'autostart': bool,
-         'use_sim_time': bool}   # parameters that are arguments
-ABOUT = {setting.name: setting.description for setting in SETTINGS}
+OF_NODE = {'model': str, 'models': list[str], 'plant': str, 'mode': str, 'horizon': int,
+           'follow': list[str], 'wait': float, 'autostart': bool,
+           'use_sim_time': bool}   # parameters that are arguments
+OF_KEEP = {'keep': ('store', str), 'name': ('twin', str), 'plant': ('plant', str),
+           'policy': ('policy', str), 'use_sim_time': ('use_sim_time', bool)}
 POLICY = next(setting for setting in KEEP if setting.name == 'policy')
-MODE = next(setting for setting in SETTINGS if setting.name == 'mode')
+BOOLEAN = ('true', 'false')
 
 
 def generate_launch_description():
     """Describe the node, with what is usually changed as arguments."""
     return LaunchDescription([
-        DeclareLaunchArgument('model', description=ABOUT['model']),
-        DeclareLaunchArgument('models', default_value="['']",
-                              description=f'[NAME=PATH, ...]: {ABOUT["models"]}'),
-        DeclareLaunchArgument('plant', default_value='', choices=['', *PLANTS],
-                              description=ABOUT['plant']),
         DeclareLaunchArgument('config', default_value='',
                               description='parameter file with the signal map of your rig; '
                               'if not given, the one that comes with the plant'),
-        DeclareLaunchArgument('mode', default_value=MODE.default, choices=MODE.choices,
-                              description=MODE.description),
-        DeclareLaunchArgument('horizon', default_value='1', description=ABOUT['horizon']),
-        DeclareLaunchArgument('follow', default_value="['']",
-                              description=f'[NAME=RATE, ...]: {ABOUT["follow"]}'),
-        DeclareLaunchArgument('wait', default_value='0.1', description=ABOUT['wait']),
-        DeclareLaunchArgument('autostart', default_value='true', choices=['true', 'false'],
-                              description=ABOUT['autostart']),
-        DeclareLaunchArgument('use_sim_time', default_value='false', choices=['true', 'false'],
+        *(of_parameter(setting) for setting in SETTINGS if setting.name in OF_NODE),
+        DeclareLaunchArgument('use_sim_time', default_value='', choices=['', *BOOLEAN],
                               description='take the time from /clock'),
         DeclareLaunchArgument('name', default_value='hydro_twin', description='of the node'),
         DeclareLaunchArgument('namespace', default_value='',
@@ -46,36 +35,51 @@ def generate_launch_description():
                               description='from which severity on the node writes to the log'),
         DeclareLaunchArgument('keep', default_value='', description='store of model versions; if '
                               'given, keep runs beside the node, as NAME_keep'),
-        DeclareLaunchArgument('policy', default_value=POLICY.default, choices=POLICY.choices,
-                              description=f'of keep: {POLICY.description}'),
+        of_parameter(POLICY, 'of keep: '),
         OpaqueFunction(function=twin),
     ])
 
 
+def of_parameter(setting, about=''):
+    """Make a parameter an argument; one that is not given leaves it to `config`."""
+    description = about + setting.description
+    if setting.name == 'model':
+        return DeclareLaunchArgument('model', description=description)
+    if setting.name in ('models', 'follow'):
+        description = f'[A, B, ...]: {description}'
+    elif setting.default != '':
+        description += f'; if not given, that in config, else {str(setting.default).lower()}'
+    choices = (list(PLANTS) if setting.name == 'plant' else
+               BOOLEAN if isinstance(setting.default, bool) else setting.choices)
+    return DeclareLaunchArgument(setting.name, default_value='', description=description,
+                                 **({'choices': ['', *choices]} if choices else {}))
+
+
 def twin(context):
     """Make the node; it starts itself, by its parameter `autostart`, so launch must not."""
-    parameters = [{name: ParameterValue(LaunchConfiguration(name), value_type=kind)
-                   for name, kind in TYPES.items()
-                   if name != 'plant' or LaunchConfiguration(name).perform(context)}]
-    if config := LaunchConfiguration('config').perform(context):
-        parameters.insert(0, config)
     level = ['--log-level', LaunchConfiguration('log_level')]
     made = [LifecycleNode(
-        package='hydro_twin', executable='node', output='screen', parameters=parameters,
-        name=LaunchConfiguration('name'), namespace=LaunchConfiguration('namespace'),
-        ros_arguments=level)]
+        package='hydro_twin', executable='node', output='screen', ros_arguments=level,
+        parameters=parameters(context, {name: (name, kind) for name, kind in OF_NODE.items()}),
+        name=LaunchConfiguration('name'), namespace=LaunchConfiguration('namespace'))]
     if LaunchConfiguration('keep').perform(context):
-        made.append(keep(config, level))
+        made.append(Node(
+            package='hydro_twin', executable='keep', output='screen', ros_arguments=level,
+            parameters=parameters(context, OF_KEEP),
+            name=[LaunchConfiguration('name'), '_keep'],
+            namespace=LaunchConfiguration('namespace')))
     return made
 
 
-def keep(config, level):
-    """Make the node that keeps the model of the twin true."""
-    parameters = {name: ParameterValue(LaunchConfiguration(argument), value_type=kind)
-                  for name, argument, kind in (
-                      ('store', 'keep', str), ('twin', 'name', str), ('plant', 'plant', str),
-                      ('policy', 'policy', str), ('use_sim_time', 'use_sim_time', bool))}
-    return Node(
-        package='hydro_twin', executable='keep', output='screen', ros_arguments=level,
-        parameters=[config, parameters] if config else [parameters],
-        name=[LaunchConfiguration('name'), '_keep'], namespace=LaunchConfiguration('namespace'))
+def parameters(context, arguments):
+    """Give a node its parameter file, and then the arguments that were given.
+
+    Args:
+        context: of the launch.
+        arguments: of this file -> parameter of the node, its type.
+    """
+    given = {parameter: ParameterValue(LaunchConfiguration(name), value_type=kind)
+             for name, (parameter, kind) in arguments.items()
+             if LaunchConfiguration(name).perform(context)}
+    config = LaunchConfiguration('config').perform(context)
+    return [config, given] if config else [given]

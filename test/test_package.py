@@ -121,7 +121,7 @@ def test_the_node_says_where_ros_comes_from():
     done = subprocess.run([sys.executable, '-c', code], capture_output=True, text=True,
                           check=False)
     assert done.returncode == 2
-    assert done.stderr.endswith("source ROS 2 Jazzy, or install 'hydro_twin[ros]'\n")
+    assert done.stderr.endswith("source ROS 2 Jazzy, or install '.[ros]' from the repository\n")
     assert done.stderr.count('\n') == 1
 
 

@@ -18,7 +18,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the arguments of the verb."""
     parser.add_argument('bags', nargs='+', type=Path, metavar='BAG', help='a rosbag2 recording')
     parser.add_argument('--model', required=True, type=Path, metavar='MODEL',
-                        help='an analytical model of the rig as it was')
+                        help='an analytical model of this rig, as from refit or trace')
     add_config_argument(parser)
 
 

@@ -22,8 +22,8 @@ from hydro_twin.errors import UserError
 from hydro_twin.stopping import listen
 
 PROG = 'hydro-twin'
-ROS = "source ROS 2 Jazzy, or install 'hydro_twin[ros]'"
-FLEET = "install 'hydro_twin[fleet]'"
+ROS = "source ROS 2 Jazzy, or install '.[ros]' from the repository"
+FLEET = "install '.[fleet]' from the repository"
 REMEDIES = {   # module that a plain install may lack -> where it comes from
     'dask': FLEET,
     'diagnostic_msgs': ROS,
@@ -31,7 +31,7 @@ REMEDIES = {   # module that a plain install may lack -> where it comes from
     'pyarrow': FLEET,
     'rcl_interfaces': ROS,
     'rclpy': ROS,
-    'torch': "install 'hydro_twin[learn]'",
+    'torch': "install '.[learn]' from the repository",
 }
 
 

@@ -24,8 +24,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument('--challenger', required=True, type=Path, metavar='MODEL',
                         help='the model that may take its place')
     parser.add_argument('--fitted', action='append', default=[], type=Path, metavar='BAG',
-                        help='one of BAG... that the challenger was made from: it shows regimes, '
-                        'but not how good the challenger is there; may be repeated')
+                        help='one of BAG... that the challenger was fitted to: it helps to define '
+                        'the regimes, but does not count as evidence; may be repeated')
     parser.add_argument('--mode', default='free_run', choices=MODES,
                         help='in which the models run (default: free_run)')
     add_config_argument(parser)

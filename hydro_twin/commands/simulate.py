@@ -45,11 +45,14 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
                         'may be repeated')
     parser.add_argument('--excitation', action='append', default=[],
                         metavar='INPUT=KIND:NAME=VALUE,...',
-                        help="as 'u_m=sine:frequency=7,amplitude=0.3'; kinds are sine, multisine, "
-                        'chirp, steps and random. Repeated for one input, each makes one more '
-                        'series. Default: on the first input sinusoids of 1, 7 and 9 Hz, random '
-                        'motion on the others; an amplitude that suits the linear plant, about '
-                        'the middle of its range if it has one; slower where samples are rare')
+                        help="as 'u_m=sine:frequency=7,amplitude=0.3'; kinds are sine "
+                        '(frequency), multisine (lowest, highest, lines), chirp (first, last), '
+                        'steps (shortest, longest) and random (bandwidth), in Hz or s, each with '
+                        'amplitude and offset as well. Repeated for one input, each makes one '
+                        'more series. Default: on the first input sinusoids of 1, 7 and 9 Hz, '
+                        'random motion on the others; an amplitude that suits the linear plant, '
+                        'about the middle of its range if it has one; slower where samples are '
+                        'rare')
     parser.add_argument('--burst', action='append', default=[],
                         metavar='INPUT:begin=S,length=S,frequency=HZ,amplitude=VALUE',
                         help='a vibration on top of the excitation of an input, in every series; '

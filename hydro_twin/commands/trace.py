@@ -31,8 +31,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument('--model', type=Path, metavar='MODEL',
                         help='a model to start from, instead of a new fit')
     parser.add_argument('--earlier', action='append', default=[], type=Path, metavar='BAG',
-                        help='with --model: a recording that it came from, may be repeated; what '
-                        'has not moved since is taken from both')
+                        help='with --model: a recording that this model was made from; parameters '
+                        'that have not changed since are estimated from old and new '
+                        'recordings together; may be repeated')
     add_seed_argument(parser)
 
 

@@ -16,8 +16,8 @@ SETTINGS = (
             '~/promote; auto: promotion by evidence', choices=(OBSERVE, ASK, AUTO)),
     Setting('mode', 'as the twin', 'in which the models are judged',
             choices=('as the twin', 'one_step', 'free_run', 'observer')),
-    Setting('before', 300.0, 'how much before an event is captured, if the residual has risen for '
-            'so long [s]', bounds=(1.0, 86400.0)),
+    Setting('before', 300.0, 'how much is captured before an event, at most; less where the '
+            'residual rose more recently [s]', bounds=(1.0, 86400.0)),
     Setting('after', 120.0, 'how much after it [s]', bounds=(0.0, 86400.0)),
     Setting('ring', 256.0, 'most memory for captured messages; beyond it the oldest are dropped '
             '[MiB]', bounds=(1.0, 65536.0)),

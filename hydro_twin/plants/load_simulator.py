@@ -41,7 +41,7 @@ LOAD_SIMULATOR = Plant(
     sample_time=0.002,
     inputs=(
         Signal('u_m', 'command to the load valve', 'V', held=True),
-        Signal('theta_d', 'angle of the load-bearing shaft', 'rad'),
+        Signal('theta_d', 'angle of the loaded shaft', 'rad'),
     ),
     output=Signal('T_g', 'torque on the shaft', 'N m'),
     sensors=(

@@ -60,18 +60,20 @@ def clock_of(plant: Plant, parameters: Mapping[str, Any], source: str,
 
     Args:
         plant: the plant.
-        parameters: of the configuration, flat; `sample_time` [s] in it decides.
+        parameters: of the configuration, flat; `sample_time` [s] in it decides, unless it is 0,
+            the default of the node.
         source: where they come from.
         model: sample time [s] of the model that the job runs, if it runs one.
 
     Raises:
-        UserError: `sample_time` is not a number above zero.
+        UserError: `sample_time` is not a number, or below zero.
     """
     given = None
     if 'sample_time' in parameters:
         given = number(parameters['sample_time'], f'{source}: sample_time')
-        if given <= 0.0:
-            raise UserError(f'{source}: sample_time must be above zero, not {given:g}')
+        if given < 0.0:
+            raise UserError(f'{source}: sample_time must not be below zero, as {given:g} is')
+        given = given or None
     if model is not None:
         return Clock(given, model, model)
     return Clock(given, plant.sample_time, plant.finest or plant.sample_time)

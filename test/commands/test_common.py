@@ -62,9 +62,9 @@ def test_what_is_wrong_is_said_with_what_is_right(arguments, says):
         common.rig_from(parse(*arguments))
 
 
-def test_a_sample_time_is_above_zero(config):
-    path = config('{sample_time: 0.0}')
-    with pytest.raises(UserError, match=r'rig\.yaml: sample_time must be above zero'):
+def test_a_sample_time_below_zero_is_refused(config):
+    path = config('{sample_time: -0.002}')
+    with pytest.raises(UserError, match=r'rig\.yaml: sample_time must not be below zero'):
         common.rig_from(parse('--plant', 'load_simulator', '--config', str(path)))
 
 

@@ -173,7 +173,7 @@ def test_without_the_extra_one_line_says_what_to_install(bags, tmp_path, missing
                           check=False)
     assert done.returncode == 2
     assert done.stderr.splitlines()[-1].endswith(
-        f"needs the module {missing}: install 'hydro_twin[fleet]'")
+        f"needs the module {missing}: install '.[fleet]' from the repository")
     assert 'Traceback' not in done.stderr
     assert list(tmp_path.iterdir()) == []
 

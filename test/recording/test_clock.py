@@ -82,9 +82,14 @@ def test_a_model_brings_its_clock():
         0.05, 0.05, 0.05, 0.1]
 
 
-@pytest.mark.parametrize('value', [0, -0.1, 'fast', True])
-def test_a_sample_time_is_a_number_above_zero(value):
-    with pytest.raises(UserError, match=r'rig\.yaml: sample_time must be'):
+def test_the_default_of_the_node_leaves_the_clock_to_the_recording():
+    assert (clock_of(PLANTS['cylinder'], {'sample_time': 0.0}, 'dumped.yaml')
+            == clock_of(PLANTS['cylinder'], {}, ''))
+
+
+@pytest.mark.parametrize('value', [-0.1, 'fast', True])
+def test_a_sample_time_is_a_number_not_below_zero(value):
+    with pytest.raises(UserError, match=r'rig\.yaml: sample_time must'):
         clock_of(PLANTS['cylinder'], {'sample_time': value}, 'rig.yaml')
 
 

@@ -83,39 +83,45 @@ def test_every_plant_is_a_choice_and_what_a_system_sets_is_an_argument(launched:
     assert {'model', 'models', 'config', 'mode', 'wait', 'use_sim_time', 'autostart', 'namespace',
             'name', 'log_level'} <= set(given)
     for setting in SETTINGS:
-        if isinstance(setting.default, str | bool | float) and setting.name not in (
-                'model', 'sample_time'):     # the latter is of the model, or of a file
-            assert given[setting.name]['default_value'] == (
-                str(setting.default).lower() if isinstance(setting.default, bool)
-                else str(setting.default))
+        if setting.default and setting.name in given and setting.default != ('',):
+            assert str(setting.default).lower() in given[setting.name]['description']
+    assert 'default_value' not in given['model']
 
 
 def test_the_launch_file_sets_parameters_that_the_node_declares(launched: Any) -> None:
-    made = node(launched)
+    made = node(launched, model='model.yaml')
     assert (made.words['package'], made.words['executable']) == ('hydro_twin', 'node')
     values, = made.words['parameters']
-    assert set(values) == {s.name for s in SETTINGS} - {'plant', 'sample_time'} | {'use_sim_time'}
+    assert set(values) == {'model'}     # all else is left to the defaults of the node
     assert {word: made.words[word].args for word in ('name', 'namespace')} == {
         'name': ('name',), 'namespace': ('namespace',)}
     level, value = made.words['ros_arguments']
     assert (level, value.args) == ('--log-level', ('log_level',))
+    everything = {s.name: 'given' for s in SETTINGS if s.name != 'sample_time'}
+    values, = node(launched, **everything, use_sim_time='true').words['parameters']
+    assert set(values) == {*everything, 'use_sim_time'}
+
+
+def test_what_is_not_given_to_launch_is_left_to_the_parameter_file(launched: Any) -> None:
     config, values = node(launched, config='my_rig.yaml', plant='cylinder').words['parameters']
     assert config == 'my_rig.yaml'
-    assert 'plant' in values
+    assert set(values) == {'plant'}
 
 
 def test_keep_is_launched_beside_the_node_with_parameters_that_it_declares(launched: Any) -> None:
     context = {name: words.get('default_value', '')
-               for name, words in arguments(launched).items()} | {'keep': 'store'}
+               for name, words in arguments(launched).items()} | {
+                   'keep': 'store', 'policy': 'auto'}
     node_, made = launched('twin')['twin'](context)
     assert type(node_).__name__ == 'LifecycleNode'
     assert (made.words['package'], made.words['executable']) == ('hydro_twin', 'keep')
     values, = made.words['parameters']
     assert set(values) <= {s.name for s in KEEP} | {'use_sim_time'}
     assert {name: value.args[0].args for name, value in values.items()} == {
-        'store': ('keep',), 'twin': ('name',), 'plant': ('plant',), 'policy': ('policy',),
-        'use_sim_time': ('use_sim_time',)}
-    assert arguments(launched)['policy']['default_value'] == 'observe'
+        'store': ('keep',), 'twin': ('name',), 'policy': ('policy',)}
+    policy = arguments(launched)['policy']
+    assert policy['default_value'] == ''
+    assert 'observe' in policy['description']
 
 
 def test_the_demonstration_makes_a_folder_when_it_runs_and_takes_it_away(

@@ -7,14 +7,15 @@ from hydro_twin.plants.plant import Constant
 
 CONSTANTS = (   # droop and dead band as usual for large units (GB/T 30370-2013)
     Constant('f_n', 'nominal frequency', 'Hz', 50.0),
-    Constant('droop', 'share of f_n that asks for all the nominal power', '1', 0.05),
-    Constant('dead_band', 'deviation of frequency that asks for nothing', 'Hz', 0.033),
+    Constant('droop', 'speed droop: deviation, as a share of f_n, for 100 % of nominal power', '1',
+             0.05),
+    Constant('dead_band', 'deviations up to this, either way, cause no response', 'Hz', 0.033),
     # As usual for units of 500 MW and more, of their nominal power (GB/T 30370-2013).
-    Constant('amplitude', 'largest power that frequency asks for, up or down', '1', 0.06),
+    Constant('amplitude', 'limit of the power that frequency asks for, of nominal', '1', 0.06),
     Constant('K_P', 'proportional gain, opening by power', '1', 0.5),
     Constant('K_I', 'integral gain', '1/s', 0.2),
     Constant('K_D', 'derivative gain', 's', 0.1),
-    Constant('T_D', 'lag of the derivative', 's', 0.5),
+    Constant('T_D', "time constant of the derivative's filter", 's', 0.5),
     Constant('u_max', 'largest command', '1', 1.1),
 )
 

@@ -20,5 +20,5 @@ def effects(path: Path, plant: Plant) -> tuple[Placed, ...]:
 
 
 CURVE = EffectOption(
-    'curve', 'CSV', 'flow characteristic of the valve servo, opening against flow: its end is the '
-    'end of the travel in the model, saturation at the stem', effects)
+    'curve', 'CSV', 'flow characteristic of the valve servo, a table with the columns opening and '
+    'flow: its end is the end of the travel in the model, saturation at the stem', effects)

@@ -21,12 +21,13 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument('--model', type=Path, metavar='M',
                         help='model file of the servo (default: as published in [L18])')
     parser.add_argument('--curve', type=Path, metavar='CSV',
-                        help='flow characteristic, opening against flow (default: a typical one)')
+                        help='flow characteristic: columns opening, flow, of nominal or in per '
+                        'cent (default: a typical one)')
     parser.add_argument('--config', type=Path, metavar='FILE',
                         help='signals and constants (default: config/frequency_control.yaml)')
     parser.add_argument('--load', type=float, metavar='SHARE',
-                        help='power at rest and nominal frequency, of nominal (default: that of '
-                             'BAG, else 0.89)')
+                        help='power at rest at nominal frequency, as a share of nominal power '
+                             '(default: that of BAG, else 0.89)')
 
 
 def run(args: argparse.Namespace) -> dict[str, Any]:
