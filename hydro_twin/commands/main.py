@@ -10,11 +10,11 @@ import argparse
 from collections.abc import Sequence
 import contextlib
 import json
-import math
 import os
 import sys
 from typing import NoReturn
 
+from hydro_twin.as_json import as_json
 from hydro_twin.blas import ENVIRONMENT
 from hydro_twin.commands.registry import verb_named, verbs
 from hydro_twin.commands.verb import Command, RosVerb, Verb
@@ -104,27 +104,11 @@ def _run(argv: list[str], verb: Command | None) -> int:
     with contextlib.redirect_stdout(sys.stderr):
         result = verb.run(args)
     if args.json:
-        print(json.dumps(plain(result), allow_nan=False))
+        print(json.dumps(as_json(result), allow_nan=False))
     else:
         from rich.console import Console
         verb.show(result, Console())
     return 0
-
-
-def plain(value: object) -> object:
-    """Turn a verb's result into what JSON can say; a number that is not finite becomes None."""
-    match value:
-        case None | bool() | int() | str():
-            return value
-        case float():
-            return float(value) if math.isfinite(value) else None
-        case dict():
-            return {str(key): plain(item) for key, item in value.items()}
-        case list() | tuple():
-            return [plain(item) for item in value]
-        case _ if hasattr(value, 'tolist'):   # numpy, without importing it
-            return plain(value.tolist())
-    return str(value)
 
 
 def _crash_report(argv: Sequence[str], error: Exception) -> str:

@@ -10,7 +10,7 @@ import ast
 
 # Functions whose result counts as constant.
 INACTIVE = {'int', 'len', 'range', 'round', 'math.isinf', 'math.isnan', 'math.floor',
-            'math.ceil', 'float'}
+            'math.ceil'}
 # result r of operands a and b -> partial derivatives by each
 BINARY: dict[type[ast.operator], tuple[str, str, str]] = {
     ast.Add: ('{a} + {b}', '1.0', '1.0'),

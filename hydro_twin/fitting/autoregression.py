@@ -14,9 +14,8 @@ from hydro_twin.predictors.scores import rms
 
 def autoregression(stretches: Sequence[FloatArray], order: int = 6) -> FloatArray:
     """Fit an autoregressive model (Yule-Walker); returns the whitening filter [1, a1, ...]."""
-    correlation = sum(
-        (np.array([r[:len(r) - lag] @ r[lag:] for lag in range(order + 1)]) for r in stretches),
-        np.zeros(order + 1))
+    correlation = np.array([sum(r[lag:] @ r[:max(len(r) - lag, 0)] for r in stretches)
+                            for lag in range(order + 1)])
     if correlation[0] <= 0.0:
         return np.concatenate([[1.0], np.zeros(order)])
     correlation[0] *= 1.0 + 1e-9
@@ -40,8 +39,10 @@ def whiten(stretches: Sequence[FloatArray], filter_: FloatArray) -> FloatArray:
 def noise_filter(stretches: Sequence[FloatArray]) -> FloatArray:
     """Return the filter that whitens noise and keeps its power, as a sum of squares."""
     filter_ = autoregression(stretches)
-    kept = rms(np.concatenate(stretches)) / max(rms(whiten(stretches, filter_)), 1e-300)
-    return filter_ * kept
+    white = whiten(stretches, filter_)
+    if not len(white):      # all are shorter than the filter
+        return filter_
+    return filter_ * (rms(np.concatenate(stretches)) / max(rms(white), 1e-300))
 
 
 def effective_samples(stretches: Sequence[FloatArray]) -> float:

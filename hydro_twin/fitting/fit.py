@@ -86,6 +86,11 @@ class Fit:
         """RMS of the residual of the output, in its unit."""
         return rms(self.main.residual)
 
+    @property
+    def free(self) -> int:
+        """How many unknowns are not at an edge of their range."""
+        return len(self.unknowns) - len(self.at_bound())
+
     def at_bound(self) -> list[str]:
         """Name the unknowns that stopped at an edge of their range."""
         names = []

@@ -38,7 +38,7 @@ def windows(part: Part, longest: int, least: int, sample_time: float) -> list[Pa
 
 
 def horizon_windows(parts: Sequence[Part], plant: Plant, sample_time: float) -> list[Part]:
-    """Cut parts into windows of at most `HORIZON`.
+    """Cut parts into windows of at most `HORIZON`, unless one that short could not be scored.
 
     Args:
         parts: each of `least_samples` or more.

@@ -12,14 +12,15 @@ from hydro_twin.fitting.parts import Part
 from hydro_twin.inference.criterion import criterion
 
 
-def goes_with_time(drift: Fit, apart: Fit) -> bool:
+def goes_with_time(drift: Fit, apart: Sequence[Fit]) -> bool:
     """Whether a drift describes recordings better than a model of its own for each, by BIC.
 
     Args:
         drift: a fit with a parameter that drifts, to all.
-        apart: those without it, one to each, `joined`.
+        apart: those without it, one to each.
     """
-    steady, different = criterion([drift.main, apart])
+    steady, different = criterion([drift.main, joined(apart)],
+                                  [drift.free, sum(fit.free for fit in apart)])
     return steady < different
 
 

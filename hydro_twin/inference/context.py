@@ -21,7 +21,8 @@ class Context:
         parts: the training data.
         held_out: the held-out data.
         times: stamps [s] of the first and the last sample of both.
-        known: the alternatives fitted on top of each model, and how many were asked for.
+        known: of each model, how many alternatives on top of it were asked for, up to which error
+            they were searched to the end, and these.
         fits: the best fit with each set of effects.
     """
 
@@ -30,21 +31,22 @@ class Context:
     times: tuple[float, float]
     seed: int
     progress: Callable[[str], None]
-    known: dict[tuple[frozenset[str], int], tuple[int, list[Alternative]]] = field(
+    known: dict[tuple[frozenset[str], int], tuple[int, float, list[Alternative]]] = field(
         default_factory=dict)
     fits: dict[frozenset[str], Fit] = field(default_factory=dict)
 
     def fit_alternatives(self, fit: Fit, most: int, most_error: float = math.inf
                          ) -> list[Alternative]:
-        """Fit effects on top of a fit, unless as many are known for its unknowns."""
+        """Fit effects on top of a fit, unless as many, searched as far, are known."""
         key = effects_of(fit.candidate), len(fit.unknowns)
-        if self.known.get(key, (0, []))[0] < most:
+        asked, limit, _ = self.known.get(key, (0, 0.0, []))
+        if asked < most or limit < most_error:
             found = fit_alternatives(fit, self.parts, self.times, most, False, self.progress,
                                      most_error=most_error)
-            self.known[key] = most, found
+            self.known[key] = most, most_error, found
             for alternative in found:
                 self.remember(alternative.fit)
-        return self.known[key][1]
+        return self.known[key][2]
 
     def remember(self, fit: Fit) -> None:
         """Keep a fit, unless a better one with the same effects is known."""

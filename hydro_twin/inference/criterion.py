@@ -20,42 +20,46 @@ from hydro_twin.predictors.scores import rms
 CLEARLY = 10.0          # difference of the BIC from which one law is preferred to another
 
 
-def criterion(fits: Sequence[Fit]) -> list[float]:
+def criterion(fits: Sequence[Fit], free: Sequence[int] | None = None) -> list[float]:
     """BIC of fits to the same parts over that of the best, which has 0.
 
     The best is the one of the lowest BIC with the effective number of samples. Another is as far
     from it as that says, or the BIC of residuals whitened by the filter of the best, whichever is
     larger: beside an offset few samples count as independent, and laws still differ in what is
     fast.
+
+    Args:
+        fits: to the same parts.
+        free: how many unknowns of each are not at a bound; None: as the fit itself says.
     """
+    free = [fit.free for fit in fits] if free is None else free
     best = min(fits, key=lambda fit: fit.cost)
     counts = [effective_samples(pieces) for pieces in best.by_output]
     filters = [autoregression(pieces) for pieces in best.by_output]
-    effective = [_bic(fit, [np.concatenate(pieces) for pieces in fit.by_output], counts)
-                 for fit in fits]
+    effective = [_bic(fit, d, [np.concatenate(pieces) for pieces in fit.by_output], counts)
+                 for fit, d in zip(fits, free, strict=True)]
     first = int(np.argmin(effective))
     white = []
-    for fit in fits:
+    for fit, d in zip(fits, free, strict=True):
         rows = [whiten(*some) for some in zip(fit.by_output, filters, strict=True)]
-        white.append(_bic(fit, rows, [len(row) for row in rows]))
+        white.append(_bic(fit, d, rows, [len(row) for row in rows]))
     return [max(e - effective[first], w - white[first])
             for e, w in zip(effective, white, strict=True)]
 
 
-def _bic(fit: Fit, rows: Sequence[FloatArray], samples: Sequence[float]) -> float:
+def _bic(fit: Fit, d: int, rows: Sequence[FloatArray], samples: Sequence[float]) -> float:
     """Return N ln(S/n) + d ln N, the first summed over the output and the sensors.
 
-    S is the sum of squares of n samples, with what leaving the usual values costs; d the number of
-    unknowns that are not at a bound.
+    S is the sum of squares of n samples, with what leaving the usual values costs.
 
     Args:
         fit: to judge.
+        d: how many of its unknowns are not at a bound.
         rows: its residual of each.
         samples: N, how many count as independent, of each.
     """
-    free = len(fit.unknowns) - len(fit.at_bound())
     pulled = 1.0 + fit.pulled / max(float(fit.residual @ fit.residual), 1e-300)
-    return free * math.log(sum(samples)) + sum(
+    return d * math.log(sum(samples)) + sum(
         n * math.log(max(pulled * rms(row)**2, 1e-300))
         for n, row in zip(samples, rows, strict=True) if len(row))
 

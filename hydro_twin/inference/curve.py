@@ -255,8 +255,8 @@ def reached(candidate: Model, parts: Sequence[Part]) -> tuple[float, float]:
         runs = [[passing(candidate, placed, part).signals[signal][scored] for part in parts], []]
         for part in parts:
             seen = np.zeros((len(part.inputs), len(system.step.H)))
-            bare.system.run(part.inputs, bare.system.start(part.inputs[0], part.measured[0]),
-                            seen=seen)
+            at_rest = bare.system.at(part.start).start(part.inputs[0], part.measured[0])
+            bare.system.run(part.inputs, at_rest, seen=seen, start=part.start)
             runs[1].append(seen[:, row])
     edges = [np.quantile(np.nan_to_num(np.concatenate(run)), [0.001, 0.999]) for run in runs]
     low, high = np.transpose(edges)

@@ -10,7 +10,7 @@ from scipy.linalg import null_space
 
 from hydro_twin.fitting.estimates import combination_estimates, fitted_model
 from hydro_twin.fitting.fit import Fit
-from hydro_twin.fitting.horizon import HORIZON, horizon_errors
+from hydro_twin.fitting.horizon import horizon_errors, horizon_windows
 from hydro_twin.fitting.identifiability import Identifiability
 from hydro_twin.fitting.noise import estimate_noise
 from hydro_twin.fitting.outputs import sensor_rms
@@ -77,7 +77,7 @@ def result_of(found: Evidence) -> TraceResult:
     return TraceResult(
         plant=found.plant, verdict=verdict, nothing=nothing, law_unknown=law_unknown,
         evidence_left=found.evidence_left, tested=found.tested,
-        horizon=_longest_window(found.recordings['test']) if found.by_horizon else None,
+        horizon=_longest_window(found) if found.by_horizon else None,
         before=models['before'], after=models['after'],
         combinations={when: combination_estimates(fits[when], known[when]) for when in fits},
         factor=_factor(fits['after'], known['after']), effects=effects,
@@ -93,9 +93,11 @@ def result_of(found: Evidence) -> TraceResult:
         fails=found.fails, parts=(len(found.train), len(found.test)))
 
 
-def _longest_window(recording: Recording) -> float:
+def _longest_window(found: Evidence) -> float:
     """Return how long [s] a window of the error over a horizon is at most."""
-    return min(HORIZON, max(len(series) * series.sample_time for series in recording.series))
+    sample_time = found.after.candidate.sample_time
+    windows = horizon_windows(found.test, found.plant, sample_time)
+    return sample_time * max(len(window.measured) for window in windows)
 
 
 def _factor(fit: Fit, known: Identifiability) -> Factor:

@@ -31,9 +31,7 @@ class Passing:
 def passing(candidate: Model, placed: Placed, part: Part) -> Passing:
     """Run over a part and watch one effect; explicit ones on the same port count together."""
     s = candidate.system
-    ordered = sorted((p for p in candidate.effects if p.effect.law is not None),
-                     key=lambda p: candidate.plant.ports.index(p.port))
-    e, port = ordered.index(placed), candidate.plant.ports.index(placed.port)
+    e, port = s.placed.index(placed), candidate.plant.ports.index(placed.port)
     m = len(s.step.shift)
     start, work = initial_states(candidate, [part]), s.work()
     period = round(1e9 * candidate.sample_time)
@@ -42,13 +40,13 @@ def passing(candidate: Model, placed: Placed, part: Part) -> Passing:
     seen = np.empty((len(part.inputs), len(s.step.H)))
     added, y = np.empty(len(seen)), np.empty(len(seen))
     for k in range(len(seen)):
+        stage = s.at(part.start + k * period)
         if k == 0:
-            y[k] = kernel.output(s.step, x, z, work, part.inputs, k, True)
+            y[k] = kernel.output(stage.step, x, z, work, part.inputs, k, True)
         else:
-            stage = s.at(part.start + k * period)
             y[k] = kernel.advance(stage.step, x, z, work, part.inputs, k, True)
         added[k] = z[len(z) - len(s.step.effects) + e] if placed.effect.implicit else d[port]
-        seen[k] = s.at(part.start + k * period).step.H @ np.concatenate([x, u, d])
+        seen[k] = stage.step.H @ np.concatenate([x, u, d])
     rows = {} if placed.effect.implicit else {'value': port}
     effect = s.step.effects[e]
     rows |= dict(zip(placed.effect.reads, (effect['signal_0'], effect['signal_1']),

@@ -27,7 +27,7 @@ from hydro_twin.fitting.unknowns import (
     Unknown,
 )
 from hydro_twin.fitting.whiteness import is_white
-from hydro_twin.inference.apart import by_recording, goes_with_time, joined
+from hydro_twin.inference.apart import by_recording, goes_with_time
 from hydro_twin.inference.criterion import CLEARLY, criterion, refinement_gain
 from hydro_twin.inference.noise import cannot_be_noise
 from hydro_twin.inference.screen import places, Prospect, screen, spans
@@ -278,7 +278,7 @@ def _goes_with_time(drift: Fit, parts: Sequence[Part]) -> bool:
     bare = drift.candidate.without(-1)
     each = by_recording(parts, bare.sample_time)
     return len(each) == 1 or goes_with_time(
-        drift, joined([search(bare, some, SHORT) for some in each]))
+        drift, [search(bare, some, SHORT) for some in each])
 
 
 def simplest_first(alternatives: list[Alternative], scores: Sequence[float]) -> list[Alternative]:

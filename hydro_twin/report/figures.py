@@ -25,7 +25,7 @@ from hydro_twin.report.chart import (
     thin,
     View,
 )
-from hydro_twin.report.summary import effect_estimates
+from hydro_twin.report.summary import effect_estimates, meaning
 from hydro_twin.result import Dependence, NamedEffect, OverTime, Profile, Shape, TraceResult
 
 POINTS = 24_000         # of one curve, over all parts together
@@ -153,7 +153,7 @@ def _curve(placed: Placed, model: Model) -> Illustration:
 
 def _signal(port: Port, signal: str) -> tuple[str, str]:
     """Name a signal at a port, and label its axis."""
-    what = port.meaning if signal == 'value' else signal.replace('_', ' ')
+    what = meaning(port, signal)
     return what, axis(what, port.unit if signal == 'value' else port.signals[signal])
 
 

@@ -8,6 +8,7 @@ import numpy as np
 
 from hydro_twin.effects import Course, Placed
 from hydro_twin.model import Model
+from hydro_twin.plants import Port
 from hydro_twin.result import (
     BestNamed,
     FoundCurve,
@@ -105,20 +106,27 @@ def sentence(result: TraceResult) -> str:
             '. The best named explanation, ' + ' and '.join(
                 where(placed, (placed.port.name,)) for placed in result.best_named.effects)
             + ', explains less')
-        return (f'{left}. With a free curve of the {over(result.found.placed)}, which has no '
-                f'name, {falls}{nearest}.')
+        return (f'{left}. With a free curve of the {_over_curve(result.found.placed)}, which '
+                f'has no name, {falls}{nearest}.')
     named = ' and '.join(_named(effect, result.after) for effect in result.effects)
     if result.found:
         named += (f', and something that no known effect explains, a free curve of the '
-                  f'{over(result.found.placed)}')
+                  f'{_over_curve(result.found.placed)}')
     return f'The model lacks {named}: with it, {falls}.'
 
 
-def over(placed: Placed) -> str:
+def over(port: Port, signal: str) -> str:
     """Say over what a curve is, and where."""
-    signal = placed.effect.reads[0]
-    what = placed.port.meaning if signal == 'value' else signal.replace('_', ' ')
-    return f'{what} at the {placed.port.name}'
+    return f'{meaning(port, signal)} at the {port.name}'
+
+
+def meaning(port: Port, signal: str) -> str:
+    """Say what a signal at a port is."""
+    return port.meaning if signal == 'value' else signal.replace('_', ' ')
+
+
+def _over_curve(placed: Placed) -> str:
+    return over(placed.port, placed.effect.reads[0])
 
 
 def where(placed: Placed, ports: Sequence[str]) -> str:
@@ -188,7 +196,7 @@ def _dependence(left: Remainder) -> list[str]:
     if not left.depends_on:
         return []
     first = left.depends_on[0]
-    what = f'{first.signal.replace("_", " ")} at the {first.port.name}'
+    what = over(first.port, first.signal)
     return [f'it depends on the {what} ({first.share:.0%} of what is left)']
 
 
@@ -247,7 +255,7 @@ def _found(found: FoundCurve, estimates: dict[str, Any]) -> dict[str, Any]:
     return {
         'id': placed.effect.id, 'port': placed.port.name, 'kind': placed.port.kind,
         'signal': placed.effect.reads[0], 'explained': False,
-        'says': f'a free curve of the {over(placed)}',
+        'says': f'a free curve of the {_over_curve(placed)}',
         'p_value': found.p_value, 'share_of_residual': found.improvement.relative,
         'between': [found.improvement.low, found.improvement.high],
         'units': {'knots': low['unit'], 'added': added[0]['unit']},

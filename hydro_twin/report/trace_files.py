@@ -12,6 +12,7 @@ from typing import Any
 
 import numpy as np
 
+from hydro_twin.as_json import as_json
 from hydro_twin.errors import UserError
 from hydro_twin.model import write_model
 from hydro_twin.parallel import beside
@@ -45,8 +46,8 @@ def write_files(result: TraceResult, folder: Path, provenance: dict[str, Any]) -
               TemporaryDirectory(dir=folder, prefix='.') as hidden):
             new = Path(hidden) / 'new'
             (new / FIGURES).mkdir(parents=True)
-            (new / 'report.json').write_text(json.dumps(summary, indent=2, allow_nan=False),
-                                             encoding='utf-8')
+            (new / 'report.json').write_text(json.dumps(
+                as_json(summary), indent=2, allow_nan=False), encoding='utf-8')
             (new / 'report.html').write_text(page(result, summary, provenance, drawn),
                                              encoding='utf-8')
             write_series(result, new / 'series.csv')

@@ -52,6 +52,15 @@ def test_every_law_against_its_differences(effect, law):
     assert tried > 10
 
 
+def test_a_number_made_a_float_keeps_its_derivative():
+    def law(v, s, p, z, h, c, z_next):
+        return float(v) * p[0]
+
+    _, _, partial = evaluate(generated(law_tangent(law, 'tangent')), 3.0, np.zeros(2),
+                             np.array([0.5]), np.zeros(0), 0.0, 0.0)
+    assert (partial[0, 0], partial[0, 4]) == (0.5, 3.0)
+
+
 def test_at_a_kink_the_side_is_the_one_stated():
     tangent = generated(law_tangent(dead_zone.law, 'tangent'))
     p = np.array([0.5, 0.0, 0.0])

@@ -30,6 +30,18 @@ def test_whitened_noise_is_white():
     assert passed >= 97
 
 
+def test_pieces_shorter_than_the_filter_count_as_if_zeros_followed_them():
+    rng = np.random.default_rng(0)
+    pieces = [rng.standard_normal(n) for n in (1, 2, 3, 4, 5, 6, 7, 40)]
+    padded = [np.append(r, np.zeros(6)) for r in pieces]
+    np.testing.assert_allclose(autoregression(pieces), autoregression(padded))
+
+
+def test_the_filter_of_short_pieces_is_finite():
+    rng = np.random.default_rng(0)
+    assert np.isfinite(noise_filter([rng.standard_normal(3) for _ in range(30)])).all()
+
+
 def test_silence_has_no_memory():
     np.testing.assert_array_equal(autoregression([np.zeros(100)]), [1, 0, 0, 0, 0, 0, 0])
 

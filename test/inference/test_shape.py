@@ -53,8 +53,10 @@ def test_a_law_with_memory_has_two_branches():
     np.testing.assert_allclose(falling.added[middle], 0.2, atol=0.03)
 
 
-def test_what_passes_at_a_port_is_what_the_run_saw():
-    made = candidate('load_simulator', [('dead_zone', 'spool', {'width': 3e-6})])
+@pytest.mark.parametrize('others', [
+    [], [('drift', 'G', {'rate': 0.5, 'begin': 0.0, 'end': 0.6})]])
+def test_what_passes_at_a_port_is_what_the_run_saw(others):
+    made = candidate('load_simulator', [('dead_zone', 'spool', {'width': 3e-6}), *others])
     part = parts(made, 0.6, 0.0, 0)[0]
     got = passing(made, made.effects[0], part)
     seen = np.zeros((len(part.inputs), len(made.system.step.H)))

@@ -9,7 +9,8 @@ import pytest
 from traced_rig import PLANT, record, VALUES
 import yaml
 
-from hydro_twin.commands.main import main, plain
+from hydro_twin.as_json import as_json
+from hydro_twin.commands.main import main
 from hydro_twin.fitting.linear import fit_linear
 from hydro_twin.fitting.parts import parts_of
 from hydro_twin.inference.trace import evidence, trace
@@ -242,7 +243,7 @@ def test_one_process_finds_what_the_verb_does_on_all_cores(rubbing, files, refer
     monkeypatch.setattr('hydro_twin.parallel._cores', lambda: 1)
     read = Recording(tuple(replace(one, source=str(files / 'bag')) for one in rubbing.series))
     report = summarise(trace(read, None, PLANT))
-    assert json.loads(json.dumps(plain(report))) == reference
+    assert json.loads(json.dumps(as_json(report))) == reference
 
 
 @pytest.mark.slow

@@ -8,7 +8,7 @@ from scipy.linalg import cholesky, expm
 from scipy.signal import cont2discrete
 
 from hydro_twin.errors import ModelError
-from hydro_twin.fitting.noise import estimate_noise
+from hydro_twin.fitting.noise import ENOUGH, estimate_noise, excerpts
 from hydro_twin.model import Model, Noise, place
 from hydro_twin.plants import PLANTS
 from hydro_twin.predictors import kernel
@@ -44,6 +44,13 @@ def covariance_of_noise(A, intensity, T):
     block = np.block([[-A, np.diag(intensity ** 2)], [np.zeros((n, n)), A.T]])
     exponential = expm(block * T)
     return exponential[n:, n:].T @ exponential[:n, n:]
+
+
+@pytest.mark.parametrize(('lengths', 'taken'), [
+    ([6000, 10], [ENOUGH]), ([50, 200, 1, 7], [200, 50, 7]), ([900] * 10, [ENOUGH // 8] * 8)])
+def test_noise_is_estimated_from_as_much_of_the_longest_series_as_it_takes(lengths, taken):
+    series = [Series({'x': np.arange(n, dtype=float)}, 0.01) for n in lengths]
+    assert [len(one) for one in excerpts(series)] == taken
 
 
 @pytest.mark.parametrize('plant', PLANTS.values(), ids=PLANTS)

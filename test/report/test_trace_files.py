@@ -4,6 +4,7 @@ from __future__ import annotations
 import csv
 from dataclasses import replace
 import json
+import math
 import shutil
 
 import numpy as np
@@ -47,6 +48,18 @@ def written(found, tmp_path_factory):
 
 def names(folder):
     return sorted(str(path.relative_to(folder)) for path in folder.rglob('*') if path.is_file())
+
+
+def test_a_run_that_diverges_is_reported_and_nothing_is_lost(found, tmp_path):
+    errors = {when: {mode: dict(parts) for mode, parts in modes.items()}
+              for when, modes in found.before.errors.items()}
+    errors['after']['one_step']['test'] = math.nan
+    write_files(replace(found, before=found.before.with_record(errors=errors)), tmp_path / 'out',
+                PROVENANCE)
+    report = json.loads((tmp_path / 'out' / 'report.json').read_text())
+    assert report['before']['one_step']['test'] is None
+    assert report['before']['free_run'] == found.before.errors['after']['free_run']
+    assert read_model(tmp_path / 'out' / 'before.yaml').plant == found.plant
 
 
 def test_writes_all(written):

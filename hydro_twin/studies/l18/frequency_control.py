@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from hydro_twin.commands.main import plain
+from hydro_twin.as_json import as_json
 from hydro_twin.files import write_whole
 from hydro_twin.model import Model
 from hydro_twin.predictors.analytical import Analytical
@@ -90,7 +90,7 @@ def compare(bag: Path | None, folder: Path, model: Path | None = None, curve: Pa
         for name, run in runs.items() if run is not reference}
     folder.mkdir(parents=True, exist_ok=True)
     _draw(frequency, T, measured, runs, folder / 'comparison.png')
-    write_whole(folder / 'comparison.json', json.dumps(plain(result), indent=2).encode())
+    write_whole(folder / 'comparison.json', json.dumps(as_json(result), indent=2).encode())
     return result
 
 

@@ -6,7 +6,7 @@ import json
 from pathlib import Path
 from typing import Any
 
-from hydro_twin.commands.main import plain
+from hydro_twin.as_json import as_json
 from hydro_twin.files import write_whole
 from hydro_twin.model import Estimate
 from hydro_twin.recording.series import FloatArray, Recording
@@ -48,7 +48,7 @@ def identify(bag: Path, recording: Recording, k_1: float, seed: int, folder: Pat
     for name, figure in draw_fit(published, rivals).items():
         write_picture(figure, folder / f'{name}.png')
     write_whole(folder / 'identification.json',
-                json.dumps(plain(result), indent=2, allow_nan=False).encode())
+                json.dumps(as_json(result), indent=2, allow_nan=False).encode())
     return result
 
 
