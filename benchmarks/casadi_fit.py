@@ -21,11 +21,11 @@ import numpy as np
 from scipy.optimize import least_squares
 
 from benchmarks.engine import PLANT, problem, timed
+from hydro_twin.arrays import FloatArray
 from hydro_twin.blas import one_thread
 from hydro_twin.fitting.output_error import initial_states
 from hydro_twin.fitting.problem import Problem
 from hydro_twin.fitting.unknowns import plant_unknowns
-from hydro_twin.plants.plant import FloatArray
 
 STEPS = 4                               # of Runge and Kutta in a sample
 SCALE = np.array([1e-5, 1e6, 0.1, 0.01])        # of the states

@@ -13,13 +13,13 @@ from collections.abc import Mapping
 import numpy as np
 
 from benchmarks.tracing.signals import command, noise
+from hydro_twin.arrays import FloatArray
 from hydro_twin.fitting.coloured import with_coloured_noise
 from hydro_twin.fitting.fit import Fit
 from hydro_twin.fitting.linear import fit_linear
 from hydro_twin.fitting.parts import Part
 from hydro_twin.model import Model
 from hydro_twin.plants import plant_named
-from hydro_twin.plants.plant import FloatArray
 from hydro_twin.predictors.scores import rms
 
 PLANT = plant_named('load_simulator')

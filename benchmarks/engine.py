@@ -18,6 +18,7 @@ import numpy as np
 from scipy.optimize import least_squares
 from threadpoolctl import threadpool_info
 
+from hydro_twin.arrays import FloatArray
 from hydro_twin.blas import one_thread
 from hydro_twin.effects import Placed
 from hydro_twin.fitting.output_error import initial_states
@@ -26,7 +27,6 @@ from hydro_twin.fitting.problem import Problem
 from hydro_twin.fitting.unknowns import effect_unknowns, get, plant_unknowns, timing_unknowns
 from hydro_twin.model import Model, place
 from hydro_twin.plants import plant_named
-from hydro_twin.plants.plant import FloatArray
 from hydro_twin.predictors.sensitivities import run_parts_with_slopes
 from hydro_twin.predictors.tangents import tangent_of
 

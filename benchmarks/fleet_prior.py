@@ -20,6 +20,7 @@ from typing import Any
 import numpy as np
 
 from hydro_twin.api import Data, read_data
+from hydro_twin.arrays import FloatArray
 from hydro_twin.commands.main import main as hydro_twin
 from hydro_twin.fitting.fit import Fit
 from hydro_twin.fitting.linear import fit_linear
@@ -29,7 +30,6 @@ from hydro_twin.fleet.factors import Rows, rows_of
 from hydro_twin.fleet.prior import fit_prior
 from hydro_twin.inference.select import LONG, search
 from hydro_twin.plants import Plant, plant_named
-from hydro_twin.plants.plant import FloatArray
 from hydro_twin.recording.rig import rig_of
 
 TYPES: dict[str, tuple[str, dict[str, float], list[str]]] = {

@@ -15,12 +15,13 @@ from itertools import combinations
 
 import numpy as np
 
+from hydro_twin.arrays import FloatArray
 from hydro_twin.fitting.parts import Part
 from hydro_twin.fitting.problem import Problem
 from hydro_twin.fitting.unknowns import get, plant_unknowns
 from hydro_twin.model import Model
 from hydro_twin.plants import Plant, PLANTS
-from hydro_twin.plants.plant import FloatArray, Parameter
+from hydro_twin.plants.plant import Parameter
 
 DURATION = 10.0         # [s]
 NOISE = 0.01            # of the movement: 40 dB

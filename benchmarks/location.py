@@ -21,13 +21,13 @@ import time
 
 import numpy as np
 
+from hydro_twin.arrays import FloatArray
 from hydro_twin.effects import Placed
 from hydro_twin.fitting.noise import estimate_noise
 from hydro_twin.live.monitor import Rise
 from hydro_twin.live.twin import Twin
 from hydro_twin.model import Model, place
 from hydro_twin.plants import plant_named
-from hydro_twin.plants.plant import FloatArray
 from hydro_twin.predictors.analytical import Analytical
 from hydro_twin.predictors.scores import rms
 from hydro_twin.recording.series import Series

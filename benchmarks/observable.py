@@ -16,10 +16,10 @@ import math
 import numpy as np
 
 from benchmarks.identifiable import NOISE, recorded, with_sensors
+from hydro_twin.arrays import FloatArray
 from hydro_twin.fitting.noise import states
 from hydro_twin.model import Model, Noise
 from hydro_twin.plants import Plant
-from hydro_twin.plants.plant import FloatArray
 from hydro_twin.predictors.analytical import Analytical
 from hydro_twin.recording.series import Series
 

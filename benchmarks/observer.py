@@ -18,9 +18,9 @@ import time
 
 import numpy as np
 
+from hydro_twin.arrays import FloatArray
 from hydro_twin.model import Model, Noise, place
 from hydro_twin.plants import plant_named
-from hydro_twin.plants.plant import FloatArray
 from hydro_twin.predictors.analytical import Analytical
 
 PLANT = plant_named('load_simulator')

@@ -6,6 +6,7 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any, TYPE_CHECKING
 
+from hydro_twin.arrays import FloatArray
 from hydro_twin.blas import one_thread
 from hydro_twin.errors import UserError
 from hydro_twin.fitting import refit as fitting
@@ -14,7 +15,6 @@ from hydro_twin.fitting.refit import Refit, Request
 from hydro_twin.model import load_predictor, Model, read_model
 from hydro_twin.parallel import prepare
 from hydro_twin.plants import Plant, plant_named
-from hydro_twin.plants.plant import FloatArray
 from hydro_twin.predictors import kind_named, MODES, OBSERVER, Predictor
 from hydro_twin.predictors.analytical import Analytical, deviations
 from hydro_twin.predictors.scores import (

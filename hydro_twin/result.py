@@ -8,10 +8,10 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Literal
 
+from hydro_twin.arrays import FloatArray
 from hydro_twin.effects import Placed
 from hydro_twin.model import Estimate, Model
 from hydro_twin.plants import Plant, Port
-from hydro_twin.plants.plant import FloatArray
 from hydro_twin.recording.series import Series
 
 CLOSE = 10.0            # difference in BIC below which the data do not decide between two laws
@@ -339,10 +339,10 @@ class TraceResult:
     Attributes:
         nothing, law_unknown: probabilities that nothing is missing, and that a law is missing
             which is not known; what they leave of one is that of the effects named.
-        evidence_left: what the port signals predict of the residual on data that were not fitted,
-            as a gain of the log-likelihood [nats].
-        tested: the test part: the first third (3) of every series, its second sixth (6), or
-            recordings of its own (0).
+        evidence_left: what the port signals predict of the residual of the training part, each
+            fifth of it by the others, as a gain of the log-likelihood [nats].
+        tested: the test part: the first third (3) of every series, its second sixth (6), every
+            third series (1), or recordings of its own (0).
         horizon: longest window [s] of the error over a horizon, where that judges: the plant
             integrates, or forgets its start so slowly that a free run says little else.
         before, after: the models without and with all that was found, with standard errors and

@@ -15,7 +15,7 @@ from hydro_twin.progress import progress
 if TYPE_CHECKING:
     from rich.console import Console
 
-    from hydro_twin.plants.plant import FloatArray
+    from hydro_twin.arrays import FloatArray
     from hydro_twin.recording.rig import Rig
     from hydro_twin.recording.series import Recording, Series
 

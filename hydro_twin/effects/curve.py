@@ -8,9 +8,10 @@ from dataclasses import replace
 
 import numpy as np
 
+from hydro_twin.arrays import FloatArray
 from hydro_twin.compiled import compiled
 from hydro_twin.effects.effect import Effect, EffectParameter, Placed
-from hydro_twin.plants.plant import FloatArray, Port
+from hydro_twin.plants.plant import Port
 
 KNOTS = 9
 ANY = 1e15              # beyond any value of any port or signal

@@ -8,7 +8,7 @@ import numpy as np
 import scipy
 from scipy import linalg, ndimage
 
-from hydro_twin.plants.plant import FloatArray
+from hydro_twin.arrays import FloatArray
 from hydro_twin.predictors.scores import rms
 
 

@@ -10,12 +10,12 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
+from hydro_twin.arrays import FloatArray, IntArray
 from hydro_twin.fitting.parts import Part
 from hydro_twin.fitting.start import Starts
-from hydro_twin.plants.plant import FloatArray
 from hydro_twin.predictors.scores import rms
 from hydro_twin.predictors.sensitivities import run_parts_with_slopes
-from hydro_twin.predictors.system import IntArray, System
+from hydro_twin.predictors.system import System
 from hydro_twin.predictors.tangents import NONE, tangent_of
 
 MOVES = 0.5             # of the mean square missed: less is left where a run starts otherwise

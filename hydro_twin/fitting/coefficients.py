@@ -4,7 +4,6 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
-import numpy as np
 import numpy.typing as npt
 
 from hydro_twin.fitting.one_step import Coefficients
@@ -28,9 +27,7 @@ def coefficients_of(
     names = [p.name for p in plant.parameters]
 
     def general(population: npt.NDArray[Any]) -> npt.NDArray[Any]:
-        laws = [plant.laws({**constants, **dict(zip(names, row, strict=True))})
-                for row in population]
-        A, B, C, D = (np.array([getattr(law, matrix) for law in laws]) for matrix in 'ABCD')
-        return bilinear_coefficients(A, B, C, D, sample_time)
+        laws = plant.laws({**constants, **dict(zip(names, population.T[..., None], strict=True))})
+        return bilinear_coefficients(laws.A, laws.B, laws.C, laws.D, sample_time)
 
     return general

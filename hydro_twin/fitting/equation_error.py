@@ -9,11 +9,9 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 import math
 
-import numpy as np
-
 from hydro_twin.errors import DataError
 from hydro_twin.fitting.coefficients import coefficients_of
-from hydro_twin.fitting.one_step import least_squares
+from hydro_twin.fitting.one_step import search_least_squares
 from hydro_twin.fitting.parts import Part, thin
 from hydro_twin.fitting.regression import regression
 from hydro_twin.plants import Plant
@@ -63,8 +61,6 @@ def _one_step_fit(plant: Plant, parts: Sequence[Part], constants: Mapping[str, f
         factor = regression(series, plant.output.name, inputs, plant.order)
     except DataError:
         return None
-    lower, upper = np.array([(p.lower, p.upper) for p in plant.parameters]).T
-    names = [p.name for p in plant.parameters]
-    found = least_squares(factor, coefficients_of(plant, constants, sample_time), names,
-                          plant.combinations, lower, upper, seed, STARTS)
-    return dict(zip(names, found.best.tolist(), strict=True))
+    found = search_least_squares(factor, coefficients_of(plant, constants, sample_time), plant,
+                                 seed, STARTS)
+    return dict(zip((p.name for p in plant.parameters), found.best.tolist(), strict=True))

@@ -6,10 +6,10 @@ import math
 
 import numpy as np
 
+from hydro_twin.arrays import FloatArray
 from hydro_twin.fitting.identifiability import assess, Identifiability
 from hydro_twin.fitting.unknowns import get, label, Unknown
 from hydro_twin.model import Model
-from hydro_twin.plants.plant import FloatArray
 from hydro_twin.predictors.scores import rms
 
 
@@ -84,7 +84,7 @@ class Fit:
     @property
     def error(self) -> float:
         """RMS of the residual of the output, in its unit."""
-        return rms(self.main.residual)
+        return rms(np.concatenate(self.by_part))
 
     @property
     def free(self) -> int:

@@ -12,12 +12,12 @@ import math
 
 import numpy as np
 
+from hydro_twin.arrays import FloatArray
 from hydro_twin.errors import DataError
 from hydro_twin.fitting.output_error import fitted_residuals
-from hydro_twin.fitting.parts import least_samples, Part, parts_of
+from hydro_twin.fitting.parts import least_samples, moved_between, Part, parts_of
 from hydro_twin.model import Model
 from hydro_twin.plants import Plant
-from hydro_twin.plants.plant import FloatArray
 from hydro_twin.predictors import kind_named
 from hydro_twin.predictors.analytical import Analytical
 from hydro_twin.predictors.scores import errors_by_series, rms
@@ -52,7 +52,7 @@ def horizon_windows(parts: Sequence[Part], plant: Plant, sample_time: float) -> 
 
 def between_ends(parts: Sequence[Part], sample_time: float) -> list[Part]:
     """Cut out what lies between the ends of the travel of the output."""
-    low, high = np.quantile(np.concatenate([part.measured for part in parts]), [0.005, 0.995])
+    low, high = moved_between(parts)
     margin = AT_END * (high - low)
     found = []
     for part in parts:

@@ -7,12 +7,11 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.linalg import solve_triangular
 
+from hydro_twin.arrays import FloatArray
 from hydro_twin.fitting.regression import triangle
-from hydro_twin.recording.series import FloatArray
 
 NULL = 1e-8             # singular values below this share of the largest are rounding
 UNKNOWN = 1.0           # a relative standard error above this says no more than the box did
-PARTNER = 0.1           # weight from which a parameter counts as part of a direction
 BLIND = 0.01            # weight in directions without effect from which it has no error of its own
 
 
@@ -26,8 +25,6 @@ class Identifiability:
         std_error: parameter -> standard error; None where the data do not determine it by itself.
         combinations: parameters that act only together, e.g. 'V_m/beta_e' -> the standard error
             of their product of powers, or None.
-        undetermined: the parameters of each direction that the data leave open, beside the
-            combinations: they can be known only together, or not at all.
         at_bound: parameters that stopped at the edge of their box; the other standard errors
             hold for these as they are.
         coordinates: what the rows of the covariance stand for.
@@ -40,7 +37,6 @@ class Identifiability:
 
     std_error: Mapping[str, float | None]
     combinations: Mapping[str, float | None]
-    undetermined: tuple[tuple[str, ...], ...]
     at_bound: tuple[str, ...]
     coordinates: tuple[str, ...]
     covariance: FloatArray
@@ -88,7 +84,6 @@ def assess(
     freedom = samples / max(samples - len(labels), 1)
     root = W @ (W.T @ scores.T) * np.sqrt(freedom)              # covariance = root root'
     error = np.linalg.norm(root, axis=1)
-    along = np.linalg.norm(Vt @ root, axis=1)
     blind = np.linalg.norm(Vt[~known], axis=0) > BLIND
     errors = {label: float(e) if e <= UNKNOWN and not hidden else None
               for label, e, hidden in zip(labels, error, blind, strict=True)}
@@ -96,10 +91,6 @@ def assess(
     return Identifiability(
         std_error={name: errors.get(name) for name in names},
         combinations={group: errors.get(group) for group in groups},
-        undetermined=tuple(
-            tuple(label for label, weight in zip(labels, direction, strict=True)
-                  if abs(weight) > PARTNER)
-            for direction in Vt[~known | (along > UNKNOWN)]),
         at_bound=tuple(name for name in names if name in at_bound),
         coordinates=tuple(labels),
         covariance=root @ root.T,

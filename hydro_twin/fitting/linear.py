@@ -11,7 +11,7 @@ from hydro_twin.effects import Placed
 from hydro_twin.errors import DataError
 from hydro_twin.fitting.equation_error import one_step_values
 from hydro_twin.fitting.fit import Fit
-from hydro_twin.fitting.output_error import residuals
+from hydro_twin.fitting.output_error import free_run_error
 from hydro_twin.fitting.parts import Part
 from hydro_twin.fitting.problem import Problem, solve_all
 from hydro_twin.fitting.unknowns import plant_unknowns
@@ -20,6 +20,7 @@ from hydro_twin.plants import Plant
 from hydro_twin.predictors.scores import rms
 
 SUBSTEPS = 2            # steps in a sample of a search, which the last fits refine
+DRAWS, FEW = 24, 6      # of the box; parts from which on one, the shortest, ranks them
 SHORT, KEPT = 10, 2     # evaluations of the search from each start, and starts that go on
 LITTLE = 0.5            # mean square that a fit of the right sign leaves, over the movement's
 REVERSED = 0.2          # mean square that the right sign leaves, over that of the wrong one: half
@@ -53,11 +54,11 @@ def fit_linear(plant: Plant, parts: Sequence[Part], constants: Mapping[str, floa
         replace(base, values={**base.values, **{
             p.name: float(math.exp(rng.uniform(math.log(p.lower), math.log(p.upper))))
             for p in plant.parameters}})
-        for _ in range(24)]
-    some = [min(parts, key=lambda part: len(part.measured))] if len(parts) > 6 else parts
+        for _ in range(DRAWS)]
+    some = [min(parts, key=lambda part: len(part.measured))] if len(parts) > FEW else parts
 
     def error(candidate: Model) -> float:
-        return rms(np.nan_to_num(np.concatenate(residuals(candidate, some)), nan=1e30))
+        return free_run_error(candidate, some)
 
     by_one_step = [replace(base, values={**base.values, **values})
                    for values in one_step_values(plant, parts, constants, sample_time, seed)]

@@ -10,13 +10,14 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from hydro_twin.arrays import FloatArray, IntArray
 from hydro_twin.errors import UserError
 from hydro_twin.fitting.regression import regression, regressors
 from hydro_twin.parallel import in_processes
 from hydro_twin.plants import Plant
 from hydro_twin.predictors import kinds
 from hydro_twin.predictors.kind import Settings
-from hydro_twin.predictors.network import FloatArray, IntArray, Network
+from hydro_twin.predictors.network import Network
 from hydro_twin.predictors.recurrent import Recurrent
 from hydro_twin.recording.series import Series
 

@@ -12,10 +12,11 @@ from pathlib import Path
 import numpy as np
 import scipy
 
+from hydro_twin.arrays import IntArray
 from hydro_twin.errors import UserError
+from hydro_twin.files import write_whole
 from hydro_twin.fitting.network import Job, Problem, train_many
 from hydro_twin.predictors.kind import Settings
-from hydro_twin.predictors.network import IntArray
 
 # 1 to 100 units, as the paper, whose two results are among them.
 WIDTHS = (1, 3, 7, 15, 30, 50, 80, 100)
@@ -186,7 +187,5 @@ def resume(log: Path, search: str) -> dict[tuple[Settings, int], Trial]:
             continue            # cut short when the search was interrupted
         trials[settings, trial.repeat] = trial
     whole = [head, *(json.dumps(asdict(trial)) for trial in trials.values())]
-    beside = log.with_name(f'.{log.name}')
-    beside.write_text('\n'.join(whole) + '\n', encoding='utf-8')
-    beside.replace(log)
+    write_whole(log, '\n'.join(whole) + '\n')
     return trials

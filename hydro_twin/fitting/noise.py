@@ -9,14 +9,13 @@ import math
 import numpy as np
 from scipy.optimize import minimize
 
+from hydro_twin.arrays import FloatArray, IntArray
 from hydro_twin.fitting.parts import SCORED
 from hydro_twin.model import Model, Noise
-from hydro_twin.plants.plant import FloatArray
 from hydro_twin.predictors import kernel
 from hydro_twin.predictors.analytical import Analytical
 from hydro_twin.predictors.observer import Observer, process_root
 from hydro_twin.predictors.scores import rms
-from hydro_twin.predictors.system import IntArray
 from hydro_twin.recording.series import Series
 
 ENOUGH = 3000           # samples: they determine a standard deviation to 1.3 %

@@ -9,9 +9,11 @@ import numpy.typing as npt
 import scipy
 from scipy.optimize import least_squares as bounded_least_squares
 
+from hydro_twin.arrays import FloatArray
 from hydro_twin.fitting.regression import Regression, regressors
 from hydro_twin.fitting.search import Objective, SearchResult
-from hydro_twin.recording.series import FloatArray, Series
+from hydro_twin.plants import Plant
+from hydro_twin.recording.series import Series
 
 # (P, d) physical parameters -> (P, m) coefficients of the difference equation; takes complex ones
 Coefficients = Callable[[npt.NDArray[Any]], npt.NDArray[Any]]
@@ -148,3 +150,16 @@ def sensitivities(
     for series in stretches:
         for rows in regressors(series, output, inputs, order, PIECE):
             yield rows[:, :-1] @ slope, rows[:, -1] - rows[:, :-1] @ c
+
+
+def box(plant: Plant) -> tuple[FloatArray, FloatArray]:
+    """Return the lower and the upper corner of the search box, each of shape (d,)."""
+    lower, upper = np.array([(p.lower, p.upper) for p in plant.parameters]).T
+    return lower, upper
+
+
+def search_least_squares(factor: Regression, coefficients: Coefficients, plant: Plant, seed: int,
+                         starts: int = STARTS) -> SearchResult:
+    """Search the plant's box for the least one-step error by least squares; see there."""
+    return least_squares(factor, coefficients, [p.name for p in plant.parameters],
+                         plant.combinations, *box(plant), seed, starts)

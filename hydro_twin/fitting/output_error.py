@@ -5,13 +5,16 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from hydro_twin.arrays import FloatArray
 from hydro_twin.fitting.beginnings import Beginnings, find_starts
 from hydro_twin.fitting.parts import edges_of, Part
 from hydro_twin.fitting.start import Starts, without_starts
 from hydro_twin.model import Model
-from hydro_twin.plants.plant import FloatArray
+from hydro_twin.predictors.scores import rms
 from hydro_twin.predictors.sensitivities import run_parts_with_slopes
 from hydro_twin.predictors.tangents import NONE, tangents_of
+
+DIVERGED = 1e30         # error of a sample after a run has diverged: more than any that has not
 
 
 def initial_states(model: Model, parts: Sequence[Part], near: Starts | None = None,
@@ -61,6 +64,16 @@ def residuals(model: Model, parts: Sequence[Part]) -> list[FloatArray]:
     """Measured less free run over the scored samples of each part, whitened, (N - start-up,)."""
     starts = initial_states(model, parts)
     return [missed[model.start_up:] for missed in _missed(model, parts, starts.x, starts.z)]
+
+
+def free_run_error(model: Model, parts: Sequence[Part]) -> float:
+    """RMS of the residual at the present values, `DIVERGED` where a run diverges."""
+    return size_of(residuals(model, parts))
+
+
+def size_of(missed: Sequence[FloatArray]) -> float:
+    """RMS of residuals of parts, a run that diverged being off by `DIVERGED`."""
+    return rms(np.nan_to_num(np.concatenate(missed), nan=DIVERGED))
 
 
 def runs(model: Model, parts: Sequence[Part], x: FloatArray, z: FloatArray | None = None

@@ -17,13 +17,12 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from hydro_twin.arrays import FloatArray, IntArray
 from hydro_twin.fitting.autoregression import filtered
 from hydro_twin.fitting.parts import edges_of, Part, SCORED
 from hydro_twin.plants import Plant
-from hydro_twin.plants.plant import FloatArray
 from hydro_twin.predictors.analytical import Analytical
 from hydro_twin.predictors.scores import Errors, rms, sensor_errors
-from hydro_twin.predictors.system import IntArray
 from hydro_twin.recording.series import Recording
 
 QUIETEST = 1e-6         # of its movement: no sensor is better, and none takes all the weight

@@ -8,13 +8,12 @@ import math
 
 import numpy as np
 
+from hydro_twin.arrays import FloatArray, IntArray
 from hydro_twin.errors import DataError
 from hydro_twin.fitting.autoregression import filtered
 from hydro_twin.plants import Plant
-from hydro_twin.plants.plant import FloatArray
 from hydro_twin.predictors.kernel import LIMIT
 from hydro_twin.predictors.scores import rms
-from hydro_twin.predictors.system import IntArray
 from hydro_twin.recording.series import Recording
 
 STILL = 0.1             # of the movement of a part: its start is longer where it moves less
@@ -128,6 +127,11 @@ def travel_of(parts: Sequence[Part]) -> tuple[float, float]:
     """Return between which values the output was measured, but for a hundredth of the samples."""
     if parts[0].travel is not None:
         return parts[0].travel
+    return moved_between(parts)
+
+
+def moved_between(parts: Sequence[Part]) -> tuple[float, float]:
+    """Return between which values the output of these parts is, but for a hundredth of it."""
     low, high = np.quantile(np.concatenate([part.measured for part in parts]), [0.005, 0.995])
     return float(low), float(high)
 

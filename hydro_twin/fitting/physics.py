@@ -4,8 +4,6 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field, replace
 
-import numpy as np
-
 from hydro_twin.effects import Placed
 from hydro_twin.errors import UserError
 from hydro_twin.fitting.coefficients import coefficients_of
@@ -13,7 +11,13 @@ from hydro_twin.fitting.coloured import with_coloured_noise
 from hydro_twin.fitting.horizon import moving_windows
 from hydro_twin.fitting.identifiability import assess, Identifiability
 from hydro_twin.fitting.linear import fit_linear, refuse_reversed
-from hydro_twin.fitting.one_step import at_bound, Coefficients, least_squares, sensitivities
+from hydro_twin.fitting.one_step import (
+    at_bound,
+    box,
+    Coefficients,
+    search_least_squares,
+    sensitivities,
+)
 from hydro_twin.fitting.outputs import sensors_in
 from hydro_twin.fitting.parts import parts_of
 from hydro_twin.fitting.regression import Regression, regression
@@ -21,7 +25,7 @@ from hydro_twin.fitting.search import SearchResult
 from hydro_twin.fitting.whiteness import is_white
 from hydro_twin.model import Uncertainty
 from hydro_twin.plants import Plant
-from hydro_twin.plants.plant import FloatArray, Parameter
+from hydro_twin.plants.plant import Parameter
 from hydro_twin.plugins import plugin_named, plugin_names
 from hydro_twin.recording.series import Recording
 
@@ -159,19 +163,6 @@ def fit_one_step(task: Task, search: Search) -> Physics:
     known = assess(slopes, names, free.combinations, at_bound(names, best, lower, upper))
     return _physics(task, free, dict(zip(names, best.tolist(), strict=True)), known,
                     biased=not is_white([residual for _, residual in slopes]))
-
-
-def box(plant: Plant) -> tuple[FloatArray, FloatArray]:
-    """Return the lower and the upper corner of the search box, each of shape (d,)."""
-    lower, upper = np.array([(p.lower, p.upper) for p in plant.parameters]).T
-    return lower, upper
-
-
-def search_least_squares(factor: Regression, coefficients: Coefficients, plant: Plant, seed: int
-                         ) -> SearchResult:
-    """Search the plant's box for the least one-step error by least squares."""
-    return least_squares(factor, coefficients, [p.name for p in plant.parameters],
-                         plant.combinations, *box(plant), seed)
 
 
 def _fit_least_squares(task: Task) -> Physics:

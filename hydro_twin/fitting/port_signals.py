@@ -7,12 +7,12 @@ from itertools import pairwise
 import numpy as np
 import scipy
 
+from hydro_twin.arrays import FloatArray
 from hydro_twin.fitting.fit import Fit
 from hydro_twin.fitting.output_error import free_run
 from hydro_twin.fitting.parts import Part
 from hydro_twin.fitting.unknowns import label
 from hydro_twin.model import Model
-from hydro_twin.plants.plant import FloatArray
 
 BLOCK = 100             # samples, longer than the memory of noise
 FOLDS = 5
@@ -20,6 +20,7 @@ RIDGES = (1e-5, 1e-3, 1e-1)     # of which the best is taken, and counted as thr
 LAGS = (0.005, 0.025)    # [s]
 PREDICTED = 0.05        # p-value below which the port signals predict the residual
 UNBOUNDED = 1e100       # of a column, whose squares would overflow
+SMALL = 0.03            # singular value over the largest: what weighs less than noise does
 
 
 def predicted_by_ports(fit: Fit, parts: Sequence[Part]) -> tuple[float, float]:
@@ -102,12 +103,14 @@ def explained(columns: FloatArray, residual: FloatArray, basis: FloatArray
     residual = residual - basis @ (basis.T @ residual)
     size = np.linalg.norm(columns, axis=0)
     size[size <= 1e-9 * size.max(initial=0.0)] = np.inf
-    U, singular, Vt = np.linalg.svd(columns / size, full_matrices=False)
-    kept = singular > 0.03 * singular.max(initial=0.0)
+    X = columns / size
+    squares, V = np.linalg.eigh(X.T @ X)
+    kept = squares > SMALL**2 * squares.max(initial=0.0)
     if not kept.any():
         return np.zeros(columns.shape[1]), 0.0, 1.0
-    weights = (Vt[kept].T @ (U[:, kept].T @ residual / singular[kept])) / size
-    scores = U[:, kept] * (singular[kept] / singular[0])
+    V, squares = V[:, kept], squares[kept]
+    weights = V @ (V.T @ (X.T @ residual) / squares) / size
+    scores = X @ V / np.sqrt(squares[-1])
     count = max(10, len(residual) // BLOCK)
     gains = max((_gains(scores, residual, count, ridge) for ridge in RIDGES), key=np.sum)
     power = float(residual @ residual)

@@ -9,6 +9,7 @@ import math
 import numpy as np
 from scipy.optimize import least_squares, lsq_linear
 
+from hydro_twin.arrays import FloatArray, IntArray
 from hydro_twin.fitting.beginnings import Beginnings
 from hydro_twin.fitting.fit import Fit
 from hydro_twin.fitting.output_error import initial_states, usual_response
@@ -18,9 +19,8 @@ from hydro_twin.fitting.start import Eliminated, Starts, without_starts
 from hydro_twin.fitting.unknowns import coordinates_of, get, put, Unknown, usual
 from hydro_twin.model import Model
 from hydro_twin.parallel import in_processes
-from hydro_twin.plants.plant import FloatArray
 from hydro_twin.predictors.sensitivities import run_parts_with_slopes
-from hydro_twin.predictors.system import IntArray, System
+from hydro_twin.predictors.system import System
 from hydro_twin.predictors.tangents import Directions, tangents_of
 
 WALL = 3e-3             # weight of the search box, see `Problem`

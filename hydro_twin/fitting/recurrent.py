@@ -7,8 +7,8 @@ import numpy as np
 import torch
 from torch import Tensor
 
+from hydro_twin.arrays import FloatArray
 from hydro_twin.predictors.recurrent import SETTLED
-from hydro_twin.recording.series import FloatArray
 
 WINDOW = SETTLED        # patterns in a window
 WARM = 10               # of them only bring up the state, but for the first window of a stretch

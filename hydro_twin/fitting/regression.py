@@ -7,8 +7,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
 
+from hydro_twin.arrays import FloatArray
 from hydro_twin.errors import DataError
-from hydro_twin.recording.series import FloatArray, Series
+from hydro_twin.recording.series import Series
 
 BLOCK = 4096        # rows factored at once: they stay in the processor's cache
 

@@ -8,7 +8,7 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from hydro_twin.recording.series import FloatArray
+from hydro_twin.arrays import FloatArray
 
 GROW, SHRINK = 1.2, 0.5                     # Riedmiller and Braun 1993
 FIRST, LEAST, LARGEST = 0.01, 1e-6, 50.0    # step of a weight

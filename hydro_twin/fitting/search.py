@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from hydro_twin.recording.series import FloatArray
+from hydro_twin.arrays import FloatArray
 
 Objective = Callable[[FloatArray], FloatArray]      # (P, d) candidates -> (P,) errors
 

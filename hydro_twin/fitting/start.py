@@ -6,10 +6,9 @@ from typing import NamedTuple
 
 import numpy as np
 
+from hydro_twin.arrays import FloatArray, IntArray
 from hydro_twin.compiled import compiled
 from hydro_twin.fitting.parts import edges_of
-from hydro_twin.plants.plant import FloatArray
-from hydro_twin.predictors.system import IntArray
 
 HIDDEN = 1e-6           # of the response that a state has by the linear laws: none
 

@@ -7,10 +7,10 @@ import math
 
 import numpy as np
 
+from hydro_twin.arrays import FloatArray
 from hydro_twin.effects import Placed
 from hydro_twin.model import Model
 from hydro_twin.plants import Plant
-from hydro_twin.plants.plant import FloatArray
 from hydro_twin.predictors.system import HOLD
 
 LARGEST = 700.0         # logarithm of a number that is still finite

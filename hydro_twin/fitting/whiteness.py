@@ -6,7 +6,7 @@ from collections.abc import Sequence
 import numpy as np
 import scipy
 
-from hydro_twin.plants.plant import FloatArray
+from hydro_twin.arrays import FloatArray
 
 LAGS = 25
 CONFIDENCE = 0.99

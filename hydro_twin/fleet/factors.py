@@ -15,8 +15,8 @@ import numpy as np
 from scipy.linalg import null_space
 from scipy.stats import chi2
 
+from hydro_twin.arrays import FloatArray
 from hydro_twin.fleet.scores import BoolArray
-from hydro_twin.plants.plant import FloatArray
 
 WIDE = 3.0              # of what is eliminated: a factor of 20 up or down; wider than search boxes
 

@@ -19,8 +19,8 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.optimize import minimize
 
+from hydro_twin.arrays import FloatArray
 from hydro_twin.fleet.factors import Rows
-from hydro_twin.plants.plant import FloatArray
 
 LEAST, MOST = 1e-4, 10.0    # spread, in units of `scale`: as good as none, and beyond any box
 BEGIN = 0.1                 # where the search for it begins

@@ -21,7 +21,7 @@ import numpy.typing as npt
 from scipy.stats import norm
 from scipy.stats import t as student
 
-from hydro_twin.plants.plant import FloatArray
+from hydro_twin.arrays import FloatArray
 
 BoolArray = npt.NDArray[np.bool_]
 

@@ -11,7 +11,7 @@ import numpy as np
 from scipy.stats import chi2, norm
 from scipy.stats import t as student
 
-from hydro_twin.plants.plant import FloatArray
+from hydro_twin.arrays import FloatArray
 
 TREND = 3.0             # score from which a trend is shown
 PERIODS = 3             # at least, for a trend

@@ -7,11 +7,11 @@ from typing import Any
 
 import numpy as np
 
+from hydro_twin.arrays import FloatArray
 from hydro_twin.fleet.factors import Rows, rows_of, together
 from hydro_twin.fleet.prior import fit_prior
 from hydro_twin.fleet.scores import compare_each, surprise
 from hydro_twin.fleet.trend import repeatability, Row, same_effects
-from hydro_twin.plants.plant import FloatArray
 
 CHANGED = 0.05          # chance of a difference from which an earlier period counts no more
 

@@ -7,6 +7,7 @@ import math
 import numpy as np
 from scipy import stats
 
+from hydro_twin.arrays import FloatArray
 from hydro_twin.fitting.autoregression import (
     autoregression,
     effective_gain,
@@ -14,7 +15,6 @@ from hydro_twin.fitting.autoregression import (
     whiten,
 )
 from hydro_twin.fitting.fit import Fit
-from hydro_twin.plants.plant import FloatArray
 from hydro_twin.predictors.scores import rms
 
 CLEARLY = 10.0          # difference of the BIC from which one law is preferred to another

@@ -10,6 +10,7 @@ import numpy as np
 from hydro_twin.effects import Placed
 from hydro_twin.effects.curve import curve, KNOTS, values
 from hydro_twin.fitting.fit import Fit
+from hydro_twin.fitting.output_error import free_run_error
 from hydro_twin.fitting.parts import Part
 from hydro_twin.fitting.port_signals import predicted_by_ports
 from hydro_twin.inference.criterion import CLEARLY, criterion, gain_p_value
@@ -17,7 +18,7 @@ from hydro_twin.inference.noise import COLOURED, noise_floor
 from hydro_twin.inference.passing import passing
 from hydro_twin.inference.proof import proof, residuals
 from hydro_twin.inference.screen import spans
-from hydro_twin.inference.select import free_run_error, search_all
+from hydro_twin.inference.select import search_all
 from hydro_twin.inference.structure import shows
 from hydro_twin.model import Model
 from hydro_twin.plants import Port

@@ -8,6 +8,7 @@ from functools import partial
 import numpy as np
 from scipy.linalg import null_space
 
+from hydro_twin.arrays import FloatArray
 from hydro_twin.fitting.estimates import combination_estimates, fitted_model
 from hydro_twin.fitting.fit import Fit
 from hydro_twin.fitting.horizon import horizon_errors, horizon_windows
@@ -22,7 +23,6 @@ from hydro_twin.inference.structure import drifts
 from hydro_twin.inference.verdict import is_structured, LIKELY, named_effects, verdict_of
 from hydro_twin.model import Model
 from hydro_twin.parallel import in_processes
-from hydro_twin.plants.plant import FloatArray
 from hydro_twin.predictors.analytical import Analytical
 from hydro_twin.predictors.predictor import MODES, OBSERVER
 from hydro_twin.predictors.scores import (

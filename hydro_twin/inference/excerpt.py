@@ -9,7 +9,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
-import math
 
 import numpy as np
 
@@ -67,12 +66,9 @@ def excerpt(parts: Sequence[Part], plant: Plant, sample_time: float, factor: int
 
 
 def resampled(candidate: Model, sample_time: float) -> Model:
-    """Let a candidate run with another sample time [s], its steps at most as long as before."""
-    substeps = candidate.substeps
-    if sample_time < candidate.sample_time:
-        substeps = math.ceil(substeps * sample_time / candidate.sample_time - 1e-9)
-    timing = {name: max(late, -sample_time) for name, late in candidate.timing.items()}
-    return replace(candidate, sample_time=sample_time, substeps=substeps, timing=timing)
+    """Let a candidate run with another sample time [s], with no more steps in a sample."""
+    moved = candidate.at(sample_time)
+    return replace(moved, substeps=min(moved.substeps, candidate.substeps))
 
 
 def harmless_factor(fit: Fit, parts: Sequence[Part], recorded: int) -> int:

@@ -11,6 +11,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 import numpy.typing as npt
 
+from hydro_twin.arrays import FloatArray
 from hydro_twin.errors import DataError
 from hydro_twin.fitting.fit import Fit
 from hydro_twin.fitting.identifiability import UNKNOWN
@@ -22,7 +23,6 @@ from hydro_twin.inference.noise import noise_floor
 from hydro_twin.inference.screen import spans, visible
 from hydro_twin.inference.select import searched
 from hydro_twin.model import Model
-from hydro_twin.plants.plant import FloatArray
 from hydro_twin.predictors.scores import rms
 from hydro_twin.recording.series import Recording
 from hydro_twin.result import Hidden

@@ -27,6 +27,7 @@ from hydro_twin.inference.weighing import with_curve
 from hydro_twin.model import Model
 
 EVERY = 1000            # effects fitted in full in the first round
+LAST = 60               # evaluations of the last search, from where others have converged
 
 
 class Explanation(NamedTuple):
@@ -148,6 +149,6 @@ def _supported(chain: Chain, base: Fit, context: Context) -> Chain:
     one, too.
     """
     if chain.findings:
-        better = search(finely(chain.fit, context.parts, FINEST).candidate, context.parts, 60)
+        better = search(finely(chain.fit, context.parts, FINEST).candidate, context.parts, LAST)
         chain = supported(simplified(replace(chain, fit=better), context), base, context)
     return chain if chain.findings else Chain(base)

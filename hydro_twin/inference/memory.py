@@ -14,6 +14,7 @@ from statistics import NormalDist
 
 import numpy as np
 
+from hydro_twin.arrays import FloatArray
 from hydro_twin.fitting.fit import Fit
 from hydro_twin.fitting.identifiability import Identifiability, NULL
 from hydro_twin.fitting.parts import Part
@@ -21,7 +22,6 @@ from hydro_twin.fitting.problem import Problem
 from hydro_twin.fitting.regression import triangle
 from hydro_twin.fitting.unknowns import coordinates_of, effect_unknowns, label, Unknown
 from hydro_twin.model import Model
-from hydro_twin.plants.plant import FloatArray
 from hydro_twin.predictors.scores import rms
 
 CHANCE = 0.01           # that anything is said to have moved on a rig that did not change

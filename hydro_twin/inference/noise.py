@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy import signal, stats
 
-from hydro_twin.plants.plant import FloatArray
+from hydro_twin.arrays import FloatArray
 from hydro_twin.predictors.scores import rms
 from hydro_twin.result import Line
 
@@ -16,21 +16,23 @@ BURST = 4.0             # power of such, over what three in four stay below, tha
 SELDOM, MUCH = 0.1, 0.4         # most time that bursts may take, least of the power they hold
 COLOURED = 2.5          # ratio of error to noise floor up to which it may be coloured noise
 ROUNDING = 1e-9         # of a residual
+UPPER = 0.33            # of the sample rate: the upper third of a spectrum
+LINES = 5               # that are reported at most: a person reads them
 SPELLS = 20             # fewer do not tell what is seldom
 
 
 def noise_floor(stretches: Sequence[FloatArray]) -> float:
     """Estimate the RMS of the noise from the upper third of the residual's spectrum.
 
-    Above some 150 Hz none of the plants passes anything on; what is there is noise, taken as
-    white down to zero. Where the noise is coloured this is not its whole RMS. Less than a
+    There the plants pass next to nothing on; what is there is noise, taken as white down to
+    zero. Where the noise is coloured this is not its whole RMS. Less than a
     billionth of the residual is rounding.
     """
     levels, weights = [], []
     for r in stretches:
         n = min(256, len(r))
         frequency, density = signal.welch(r, fs=1.0, nperseg=n, detrend='linear')
-        upper = density[frequency > 0.33]
+        upper = density[frequency > UPPER]
         levels.append(float(np.median(upper)) / 0.5 / _median_bias(len(r), n))
         weights.append(len(r))
     least = ROUNDING * rms(np.concatenate(stretches))
@@ -49,7 +51,7 @@ def _median_bias(samples: int, segment: int) -> float:
     return float(stats.chi2.median(freedom) / freedom)
 
 
-def lines(stretches: Sequence[FloatArray], sample_time: float, most: int = 5) -> list[Line]:
+def lines(stretches: Sequence[FloatArray], sample_time: float) -> list[Line]:
     """Find frequencies that stand out of the residual in every stretch long enough.
 
     Fisher's test of each periodogram against its own local level (a running median), so that
@@ -75,7 +77,7 @@ def lines(stretches: Sequence[FloatArray], sample_time: float, most: int = 5) ->
     found: list[Line] = []
     reach = 4.0 / (min(len(r) for r in long) * sample_time)
     for k in np.argsort(ratio)[::-1]:
-        if ratio[k] < threshold or len(found) == most:
+        if ratio[k] < threshold or len(found) == LINES:
             break
         if frequency[k] > reach and all(abs(frequency[k] - line.frequency) > reach
                                         for line in found):

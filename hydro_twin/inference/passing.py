@@ -5,11 +5,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from hydro_twin.arrays import FloatArray
 from hydro_twin.effects import Placed
 from hydro_twin.fitting.output_error import initial_states
 from hydro_twin.fitting.parts import Part
 from hydro_twin.model import Model
-from hydro_twin.plants.plant import FloatArray
 from hydro_twin.predictors import kernel
 
 

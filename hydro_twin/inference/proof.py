@@ -5,12 +5,11 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from hydro_twin.arrays import FloatArray, IntArray
 from hydro_twin.fitting.fit import Fit
 from hydro_twin.fitting.output_error import fitted_residuals
 from hydro_twin.fitting.parts import Part
-from hydro_twin.plants.plant import FloatArray
 from hydro_twin.predictors.kernel import LIMIT
-from hydro_twin.predictors.system import IntArray
 from hydro_twin.result import Improvement
 
 BLOCK = 50              # samples, longer than the memory of the plants' errors

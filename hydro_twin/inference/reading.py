@@ -13,17 +13,17 @@ from itertools import combinations, product
 import numpy as np
 from scipy.optimize import least_squares
 
+from hydro_twin.arrays import FloatArray
 from hydro_twin.effects import Effect, Placed, Span
 from hydro_twin.effects.curve import values
 from hydro_twin.effects.dispatch import code, transmit
-from hydro_twin.fitting.output_error import free_run
 from hydro_twin.fitting.parts import Part
+from hydro_twin.fitting.port_signals import observe
 from hydro_twin.fitting.unknowns import effect_unknowns
 from hydro_twin.inference.passing import passing
 from hydro_twin.inference.screen import places, spans
 from hydro_twin.model import Model
 from hydro_twin.plants import Port
-from hydro_twin.plants.plant import FloatArray
 
 SAMPLES = 100           # values of the signal at which laws are compared with a curve; half of
 #                         them evenly spaced, half at quantiles
@@ -141,12 +141,8 @@ def _along(candidate: Model, index: int, parts: Sequence[Part]
     """
     placed = candidate.effects[index]
     plant, start_up = candidate.plant, candidate.start_up
-    at_port, rows = [passing(candidate, placed, part) for part in parts], []
-    for part in parts:
-        seen = np.zeros((len(part.inputs), len(candidate.system.step.H)))
-        free_run(candidate, part, seen)
-        rows.append(np.nan_to_num(seen[start_up:]))
-    reaching = np.concatenate(rows)
+    at_port = [passing(candidate, placed, part) for part in parts]
+    reaching = np.concatenate([seen[start_up:] for seen in observe(candidate, parts)])
     read = placed.effect.reads[0] if placed.effect.reads else 'value'
     signal, own = (np.concatenate([np.nan_to_num(one.signals[name][start_up:]) for one in at_port])
                    for name in (read, 'value'))

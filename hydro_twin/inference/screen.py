@@ -14,15 +14,16 @@ import math
 import numpy as np
 import numpy.typing as npt
 
+from hydro_twin.arrays import FloatArray
 from hydro_twin.effects import Effect, EFFECTS, Placed, sites, Span
 from hydro_twin.fitting.fit import Fit
-from hydro_twin.fitting.output_error import free_run, initial_states, residuals_from
+from hydro_twin.fitting.output_error import initial_states, residuals_from
 from hydro_twin.fitting.parts import Part, travel_of
+from hydro_twin.fitting.port_signals import observe
 from hydro_twin.fitting.unknowns import left_alone
 from hydro_twin.model import Model
 from hydro_twin.parallel import in_processes
 from hydro_twin.plants import Plant, Port
-from hydro_twin.plants.plant import FloatArray
 from hydro_twin.result import Hidden
 
 NEAR = 0.9              # share of the largest value, from which it counts as near that
@@ -50,11 +51,7 @@ def spans(candidate: Model, parts: Sequence[Part]) -> dict[Port, Span]:
     anywhere.
     """
     plant = candidate.plant
-    runs = []
-    for part in parts:
-        seen = np.zeros((len(part.inputs), len(candidate.system.step.H)))
-        free_run(candidate, part, seen)
-        runs.append(np.nan_to_num(seen[candidate.start_up:]))
+    runs = [seen[candidate.start_up:] for seen in observe(candidate, parts)]
     lows, highs = (np.array([reach(run, axis=0) for run in runs]) for reach in (np.min, np.max))
     low, high = lows.min(axis=0), highs.max(axis=0)
     P = len(plant.ports)

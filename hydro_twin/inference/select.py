@@ -16,7 +16,6 @@ import numpy as np
 from hydro_twin.effects import Placed
 from hydro_twin.fitting.fit import Fit
 from hydro_twin.fitting.linear import SUBSTEPS
-from hydro_twin.fitting.output_error import residuals
 from hydro_twin.fitting.parts import Part
 from hydro_twin.fitting.problem import Problem, solve_all
 from hydro_twin.fitting.unknowns import (
@@ -38,14 +37,16 @@ from hydro_twin.inference.starts import (
     relocated,
     shortlist,
     with_effect,
+    with_other,
 )
 from hydro_twin.model import Model
 from hydro_twin.parallel import in_processes
-from hydro_twin.predictors.scores import rms
 
 LEADING, RACING = 6, 4      # effects that promise most; evaluations from two starts of each
 KEPT = 4                # effects that go on after that, and are fitted to convergence
 SHORT, LONG = 10, 40    # evaluations of a search: to compare, to converge
+TOLERANCE = 1e-5        # relative reduction of the sum of squares that ends one: of 10,000 samples
+#                         a log-likelihood of 0.05
 WITHIN = 3.0            # ratio to the lowest error beyond which no refinement makes up for it
 HOPELESS = 5.0          # and beyond which no longer search does, nor one more effect
 PROMISING = 20.0        # likelihood ratio below which a score is chance
@@ -79,7 +80,7 @@ def search(candidate: Model, parts: Sequence[Part], evaluations: int) -> Fit:
 def search_all(candidates: Sequence[Model], parts: Sequence[Part], evaluations: int
                ) -> Iterator[Fit]:
     """Fit several, on all cores, and yield the fits in their order."""
-    return solve_all(_problems(candidates, parts), evaluations, 1e-5)
+    return solve_all(_problems(candidates, parts), evaluations, TOLERANCE)
 
 
 def unsearched(candidate: Model, parts: Sequence[Part]) -> Fit:
@@ -226,11 +227,6 @@ def nothing_shows(base: Fit, prospects: Sequence[Prospect], hiding: Sequence[Mod
                for _, leaves in in_processes(Problem.linear_prediction, problems))
 
 
-def free_run_error(candidate: Model, parts: Sequence[Part]) -> float:
-    """RMS of the residual at the present values, 1e30 where the run diverges."""
-    return rms(np.nan_to_num(np.concatenate(residuals(candidate, parts)), nan=1e30))
-
-
 def finish(base: Fit, ranked: Sequence[Fit], parts: Sequence[Part],
            most_error: float = math.inf) -> list[Alternative]:
     """Fit the best to convergence, refine their last effects, and rank all of them.
@@ -369,15 +365,11 @@ def _forms(fit: Fit, parts: Sequence[Part], index: int) -> list[Model]:
     if placed.effect.refined is None:
         return []
 
-    def form(values: Sequence[float]) -> Model:
-        effects = list(fit.candidate.effects)
-        effects[index] = replace(placed, values=tuple(values))
-        return replace(fit.candidate, effects=tuple(effects))
-
     plain = unrefined(placed).values
     reach = spans(fit.candidate, parts)[placed.port]
     simplest = [plain] if _is_refined(fit, index) else []
-    return [form(values) for values in (*simplest, *placed.effect.refined(reach, placed.values))]
+    return [with_other(fit.candidate, index, replace(placed, values=tuple(values)))
+            for values in (*simplest, *placed.effect.refined(reach, placed.values))]
 
 
 def is_distinguishable(fit: Fit, parts: Sequence[Part], index: int = -1) -> bool:

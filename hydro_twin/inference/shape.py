@@ -13,6 +13,7 @@ import numpy as np
 from scipy import signal
 from scipy.linalg import block_diag
 
+from hydro_twin.arrays import FloatArray
 from hydro_twin.effects import Course, Placed
 from hydro_twin.fitting.autoregression import autoregression, filtered, whiten
 from hydro_twin.fitting.fit import Fit
@@ -20,8 +21,8 @@ from hydro_twin.fitting.output_error import residuals
 from hydro_twin.fitting.parts import Part
 from hydro_twin.fitting.port_signals import BLOCK
 from hydro_twin.inference.passing import Passing, passing
+from hydro_twin.inference.starts import with_other
 from hydro_twin.inference.structure import hats, times, to_output
-from hydro_twin.plants.plant import FloatArray
 from hydro_twin.predictors.scores import rms
 from hydro_twin.result import FreeCurve, OverTime, Profile, Shape
 
@@ -66,12 +67,10 @@ def free_curves(fit: Fit, placed: Placed, seen: Sequence[Passing], name: str) ->
         starts.append(whitened(fit.candidate.system.free_response(len(p.left))))
     t = np.concatenate(target)
     X = np.hstack([np.concatenate(columns), block_diag(*starts)])
-    size = np.maximum(np.linalg.norm(X, axis=0), 1e-300)
-    covariance = np.linalg.pinv((X / size).T @ (X / size), rcond=1e-10, hermitian=True)
-    found = covariance @ ((X / size).T @ t)
-    missed, pulls = t - X / size @ found, []
+    X, size, covariance, found = _least_squares(X, t)
+    missed, pulls = t - X @ found, []
     for begin in range(0, len(t), BLOCK):
-        block = X[begin:begin + BLOCK] / size
+        block = X[begin:begin + BLOCK]
         others = np.eye(len(block)) - block @ covariance @ block.T
         pulls.append(block.T @ np.linalg.pinv(others, rcond=1e-6, hermitian=True)
                      @ missed[begin:begin + BLOCK])
@@ -83,6 +82,20 @@ def free_curves(fit: Fit, placed: Placed, seen: Sequence[Passing], name: str) ->
     half = len(knots)
     return [FreeCurve('free curve, rising', knots, curve[:half], error[:half]),
             FreeCurve('free curve, falling', knots, curve[half:], error[half:])]
+
+
+def _least_squares(X: FloatArray, target: FloatArray
+                   ) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
+    """Fit a target (N,) by columns (N, d) that may depend on one another.
+
+    Returns:
+        The columns scaled to unit length, their lengths, the inverse of their products, and the
+        weights of the scaled ones.
+    """
+    size = np.maximum(np.linalg.norm(X, axis=0), 1e-300)
+    scaled = X / size
+    covariance = np.linalg.pinv(scaled.T @ scaled, rcond=1e-10, hermitian=True)
+    return scaled, size, covariance, covariance @ (scaled.T @ target)
 
 
 def branches(placed: Placed) -> bool:
@@ -172,10 +185,8 @@ def _over_time(fit: Fit, placed: Placed, course: Course, parts: Sequence[Part]) 
     filter_, cuts = autoregression(fit.by_part), np.cumsum(fit.lengths)[:-1]
     X = np.column_stack([whiten(np.split(column, cuts), filter_) for column in columns.T])
     target = whiten(fit.by_part, filter_)
-    size = np.maximum(np.linalg.norm(X, axis=0), 1e-300)
-    covariance = np.linalg.pinv((X / size).T @ (X / size), rcond=1e-10, hermitian=True)
-    found = covariance @ ((X / size).T @ target)
-    error = rms(target - X / size @ found) * np.sqrt(np.diag(covariance))
+    X, size, covariance, found = _least_squares(X, target)
+    error = rms(target - X @ found) * np.sqrt(np.diag(covariance))
     found, error = ((v / size)[:KNOTS] for v in (found, error))
     at_knots, line = value(knots), np.linspace(0.0, end - begin, DOTS)
     return OverTime(line, value(line), FreeCurve(
@@ -192,8 +203,7 @@ def _profile(fit: Fit, placed: Placed, parts: Sequence[Part]) -> Profile:
     values = placed.values[0] * np.linspace(least, 2.0, TRIALS)
     errors = []
     for value in values:
-        effects = list(fit.candidate.effects)
-        effects[index] = replace(placed, values=(float(value), *placed.values[1:]))
-        moved = replace(fit.candidate, effects=tuple(effects))
+        moved = with_other(fit.candidate, index, replace(
+            placed, values=(float(value), *placed.values[1:])))
         errors.append(rms(np.concatenate(residuals(moved, parts))))
     return Profile(values, np.array(errors), fit.error)

@@ -4,24 +4,18 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import replace
 from functools import partial
-import math
-
-import numpy as np
 
 from hydro_twin.effects import Placed
 from hydro_twin.effects.drift import LEAST
 from hydro_twin.fitting.equation_error import one_step_values
 from hydro_twin.fitting.fit import Fit
 from hydro_twin.fitting.horizon import between_ends
-from hydro_twin.fitting.output_error import initial_states, residuals_from
+from hydro_twin.fitting.output_error import initial_states, residuals_from, size_of
 from hydro_twin.fitting.parts import Part
-from hydro_twin.fitting.unknowns import usual
 from hydro_twin.inference.screen import places, Prospect, spans
 from hydro_twin.inference.structure import drift, drifting, drifts
 from hydro_twin.model import Model, place
 from hydro_twin.parallel import in_processes
-from hydro_twin.plants.plant import FloatArray
-from hydro_twin.predictors.scores import rms
 
 AGAIN = 5               # effects with the best scores that are searched from more than one start
 
@@ -48,12 +42,11 @@ def linear_starts(candidate: Model, parts: Sequence[Part]) -> list[Model]:
     fit to those between, too.
     """
     plant = candidate.plant
-    middle = {name: math.exp(0.5 * (low + high)) for name, (low, high) in usual(plant).items()}
     fitted = [parts, between_ends(parts, candidate.sample_time)] if plant.integrates else [parts]
     by_one_step = [values for some in fitted if some for values in one_step_values(
         plant, some, candidate.values, candidate.sample_time)]
     return [replace(candidate, values={**candidate.values, **values}, timing={})
-            for values in (middle, *by_one_step)]
+            for values in (plant.middle(), *by_one_step)]
 
 
 def drift_starts(base: Fit, parts: Sequence[Part], times: tuple[float, float]
@@ -88,19 +81,13 @@ def nearest(models: Sequence[Model], parts: Sequence[Part]) -> list[Model]:
     for model in models:
         tried = with_each(model, parts)
         states = initial_states(model, parts).x
-        for candidate, misses in zip(
-                tried, in_processes(partial(_missed, parts=parts, states=states), tried),
-                strict=True):
+        left = in_processes(partial(residuals_from, parts=parts, states=states), tried)
+        for candidate, misses in zip(tried, map(size_of, left), strict=True):
             last = candidate.effects[-1]
             place = last.effect.id, last.port.name
             if place not in best or misses < best[place][0]:
                 best[place] = misses, candidate
     return [candidate for _, candidate in best.values()]
-
-
-def _missed(candidate: Model, parts: Sequence[Part], states: FloatArray) -> float:
-    """RMS of the residual from given initial states, 1e30 where the run diverges."""
-    return rms(np.nan_to_num(np.concatenate(residuals_from(candidate, parts, states)), nan=1e30))
 
 
 def relocated(candidate: Model, parts: Sequence[Part]) -> list[Model]:

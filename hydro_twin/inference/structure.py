@@ -11,13 +11,13 @@ from collections.abc import Sequence
 import numpy as np
 from scipy import signal
 
+from hydro_twin.arrays import FloatArray
 from hydro_twin.effects.curve import KNOTS
 from hydro_twin.fitting.fit import Fit
 from hydro_twin.fitting.parts import Part
 from hydro_twin.fitting.port_signals import explained, observe
 from hydro_twin.model import Model
 from hydro_twin.plants.difference_equation import DifferenceEquation, from_state_space
-from hydro_twin.plants.plant import FloatArray
 from hydro_twin.predictors.system import discretise
 from hydro_twin.result import Dependence
 

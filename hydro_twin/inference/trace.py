@@ -11,6 +11,7 @@ from hydro_twin.fitting.coloured import as_measured, whitened
 from hydro_twin.fitting.fit import Fit
 from hydro_twin.fitting.horizon import errors_over_horizon, judged_errors
 from hydro_twin.fitting.linear import fit_linear, refuse_reversed
+from hydro_twin.fitting.output_error import free_run_error
 from hydro_twin.fitting.outputs import sensors_in
 from hydro_twin.fitting.parts import least_samples, Part, parts_of, thin, with_travel
 from hydro_twin.fitting.port_signals import predicted_by_ports
@@ -30,7 +31,6 @@ from hydro_twin.inference.noise import bursts, lines, noise_floor
 from hydro_twin.inference.proof import improvement, proof, residuals
 from hydro_twin.inference.screen import hidden
 from hydro_twin.inference.select import (
-    free_run_error,
     LONG,
     search,
     search_all,
@@ -54,6 +54,7 @@ from hydro_twin.result import (
 )
 
 AT_LAST = 60_000        # samples of a thinned recording that are all used in the final fit
+FURTHER = 20            # evaluations of that, which begins where thinned samples led
 SAME = 1.02             # ratio of mean square errors on held-out data up to which none is worse
 
 
@@ -203,7 +204,7 @@ def _search(train: Recording, test: Recording, plant: Plant,
         named = after is not base
         base = _as_recorded(base, sample_time, fine)
         if plain:
-            base = min(base, search(plain, fine, 20), key=lambda fit: fit.cost)
+            base = min(base, search(plain, fine, FURTHER), key=lambda fit: fit.cost)
         after = _as_recorded(after, sample_time, fine) if named else base
         found = found and _on_all(found, after, sample_time, fine, held_out, seed)
     if model is None:
@@ -282,8 +283,8 @@ def _as_recorded(fit: Fit, sample_time: float, parts: Sequence[Part]) -> Fit:
         return as_measured(_as_recorded(replace(fit, whitened=None), sample_time, white), parts)
     simple = replace(candidate, effects=tuple(map(unrefined, candidate.effects)))
     if simple.effects == candidate.effects:
-        fine = search(candidate, parts, 20)
+        fine = search(candidate, parts, FURTHER)
     else:
-        refined, fine = search_all([candidate, simple], parts, 20)
+        refined, fine = search_all([candidate, simple], parts, FURTHER)
         fine = refined if share(fine, refined) > WORTH else fine
     return finely(fine, parts, FINEST) if fine.candidate.effects else fine

@@ -15,6 +15,7 @@ from hydro_twin.result import CLOSE, NamedEffect, VerdictKind
 
 LEFT = 0.01             # share of the residual that ports may predict if a law is right
 LIKELY = 0.05           # p-value of that share
+SURELY = 0.01           # the same, where nothing is named and so nothing else is said
 MUCH = 0.1              # share of a misfit from which what is left is no detail of a right law
 TELLING = 3000.0        # energy explained over the noise variance, to be sure of a law
 
@@ -23,7 +24,7 @@ def verdict_of(found: Evidence) -> VerdictKind:
     """Say what the evidence shows."""
     if found.findings:
         return 'effect_found'
-    return 'unexplained' if is_structured(found, 0.2 * LIKELY) else 'nothing_missing'
+    return 'unexplained' if is_structured(found, SURELY) else 'nothing_missing'
 
 
 def is_structured(found: Evidence, level: float) -> bool:

@@ -135,7 +135,7 @@ def _still_needed(chain: Chain, found: FittedCurve, context: Context) -> tuple[C
     bare = context.without(chain.fit, chain.indices)
     for k in sorted(range(len(bare)), key=lambda k: bare[k].error):
         without = bare[k]
-        instead = search(found.fit.candidate.without(chain.findings[k].index), context.parts, 25)
+        instead = search(found.fit.candidate.without(chain.findings[k].index), context.parts, LONG)
         with_it, without_it = criterion([found.fit, instead])
         if (without_it < with_it + CLEARLY
                 and not explains_most(without, chain.fit, instead)):

@@ -8,10 +8,10 @@ from typing import Any, Literal
 
 import numpy as np
 
+from hydro_twin.arrays import FloatArray
 from hydro_twin.keep.betting import Bet, least_gain, relative_gain
 from hydro_twin.keep.regime_bets import Regimes
 from hydro_twin.live.twin import Twin
-from hydro_twin.plants.plant import FloatArray
 
 Outcome = Literal['better', 'worse', 'open']
 LEARN = 8.0         # from which the memory of the residuals is learned; not judged [s]

@@ -13,10 +13,11 @@ from typing import Any
 
 import numpy as np
 
+from hydro_twin.arrays import FloatArray
 from hydro_twin.keep.betting import Bet, least_gain, relative_gain
 from hydro_twin.keep.regimes import FEWEST, Grid, Known, regime, window_of
 from hydro_twin.live.monitor import RISE
-from hydro_twin.plants.plant import FloatArray, Plant
+from hydro_twin.plants.plant import Plant
 from hydro_twin.store.change import quantity
 
 HOLDS = -least_gain(1.0 - RISE**-2)     # relative gain of a model whose RMS is larger by `RISE`

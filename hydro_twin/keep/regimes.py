@@ -12,8 +12,9 @@ from pathlib import Path
 
 import numpy as np
 
+from hydro_twin.arrays import FloatArray
 from hydro_twin.errors import ModelError
-from hydro_twin.plants.plant import FloatArray, Plant, Signal
+from hydro_twin.plants.plant import Plant, Signal
 from hydro_twin.recording.series import Recording, Series
 from hydro_twin.store.change import quantity
 from hydro_twin.store.version import REGIMES

@@ -14,12 +14,12 @@ import math
 
 import numpy as np
 
+from hydro_twin.arrays import FloatArray
 from hydro_twin.errors import ModelError
 from hydro_twin.live.location import Location
 from hydro_twin.live.signatures import signatures
 from hydro_twin.live.unknown_input import observe, reach, Suspect
 from hydro_twin.model import Model
-from hydro_twin.plants.plant import FloatArray
 from hydro_twin.predictors.observer import Observer
 
 DOUBT = 0.01            # a port is named beside the best where its odds against that are above

@@ -8,10 +8,10 @@ from threading import Thread
 
 import numpy as np
 
+from hydro_twin.arrays import FloatArray
 from hydro_twin.live.location import Location
 from hydro_twin.live.monitor import Rise
 from hydro_twin.model import Model
-from hydro_twin.plants.plant import FloatArray
 
 LEAD = 500      # samples before the fault, in which the observer finds the states: 1 s at 500 Hz
 EARLY = 250     # of these, by how many a fault may set in before the batch in which it shows

@@ -3,9 +3,9 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 
+from hydro_twin.arrays import FloatArray
 from hydro_twin.live.twin import Twin
 from hydro_twin.live.writer import Writer
-from hydro_twin.plants.plant import FloatArray
 
 Publish = Callable[[bytes], object]
 

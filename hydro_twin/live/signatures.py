@@ -8,8 +8,8 @@ import math
 import numpy as np
 from scipy.signal import lfilter
 
+from hydro_twin.arrays import FloatArray
 from hydro_twin.plants import Port
-from hydro_twin.plants.plant import FloatArray
 
 KNOTS = 16          # intervals of a curve: with 8, the gap of a play falls between two knots
 # Half widths of loops, in shares of half the range: from hardly a loop to the half of it.

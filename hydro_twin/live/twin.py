@@ -7,9 +7,9 @@ from typing import Any
 
 import numpy as np
 
+from hydro_twin.arrays import FloatArray
 from hydro_twin.live.locator import Locator
 from hydro_twin.live.monitor import Monitor, Rise
-from hydro_twin.plants.plant import FloatArray
 from hydro_twin.predictors.predictor import OBSERVER, Predictor
 from hydro_twin.predictors.scores import unscored
 

@@ -11,9 +11,10 @@ from typing import Any
 
 import numpy as np
 
+from hydro_twin.arrays import FloatArray
 from hydro_twin.model import Model
 from hydro_twin.plants import Plant
-from hydro_twin.plants.plant import FloatArray, Signal
+from hydro_twin.plants.plant import Signal
 from hydro_twin.predictors.fixed_gains import run_with_gains
 from hydro_twin.predictors.observer import Observation, Observer
 

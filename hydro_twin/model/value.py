@@ -8,10 +8,10 @@ import math
 from pathlib import Path
 from typing import Any
 
+from hydro_twin.arrays import FloatArray
 from hydro_twin.effects import Placed
 from hydro_twin.errors import ModelError
 from hydro_twin.plants import Plant
-from hydro_twin.plants.plant import FloatArray
 from hydro_twin.predictors import kind_named, make_predictor, modes_of, Predictor
 from hydro_twin.predictors.system import assemble, HOLD, System
 from hydro_twin.recording.clock import same

@@ -8,7 +8,8 @@ import numpy as np
 import numpy.typing as npt
 from scipy.linalg import expm
 
-from hydro_twin.plants.plant import FloatArray, Laws
+from hydro_twin.arrays import FloatArray
+from hydro_twin.plants.plant import Laws
 
 
 @dataclass(frozen=True)

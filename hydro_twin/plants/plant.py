@@ -8,10 +8,9 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from hydro_twin.arrays import FloatArray
 from hydro_twin.errors import ModelError
 from hydro_twin.plants.equations import Equations, rates_at, rows_of
-
-FloatArray = npt.NDArray[np.float64]
 
 PARAMETER = 'parameter'     # kind of port that a parameter is
 ROUNDING = 1e-6         # of the largest response of a sensor: two that differ by less are the same
@@ -115,13 +114,13 @@ class Laws:
 
     @property
     def C(self) -> FloatArray:
-        """Output row for the states, shape (1, n)."""
-        return self.port_x[-1:]
+        """Output row for the states, shape (1, n), in front what the laws have in front."""
+        return self.port_x[..., -1:, :]
 
     @property
     def D(self) -> FloatArray:
-        """Output row for the inputs, shape (1, m)."""
-        return self.port_u[-1:]
+        """Output row for the inputs, shape (1, m), in front what the laws have in front."""
+        return self.port_u[..., -1:, :]
 
     def of(self, k: int) -> Laws:
         """Return those of one set of parameters, of laws that were written for several."""

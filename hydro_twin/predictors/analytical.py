@@ -9,10 +9,10 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from hydro_twin.arrays import FloatArray
 from hydro_twin.errors import ModelError
 from hydro_twin.plants import Plant
 from hydro_twin.plants.difference_equation import bilinear
-from hydro_twin.plants.plant import FloatArray
 from hydro_twin.predictors import kernel
 from hydro_twin.predictors.kind import Kind
 from hydro_twin.predictors.predictor import OBSERVER
@@ -66,7 +66,7 @@ class Analytical:
         measured = series[self.plant.output.name]
         added = np.zeros(len(inputs))
         if self.linear is not None:
-            start = _first(measured[0])
+            start = measured[0]
             x = self.system.at(series.start).start(inputs[0], start)
             added = (self.system.run(inputs, x, start=series.start)
                      - self.linear.run(inputs, self.linear.start(inputs[0], start)))
@@ -79,14 +79,14 @@ class Analytical:
         """Predict each sample with no measured output used after the first; see `Predictor`."""
         inputs = self.inputs(series)
         measured = series[self.plant.output.name]
-        x = self.system.at(series.start).start(inputs[0], _first(measured[0]))
+        x = self.system.at(series.start).start(inputs[0], measured[0])
         return self.system.run(inputs, x, start=series.start)
 
     def sensors(self, series: Series) -> dict[str, FloatArray]:
         """Run freely; returns what the sensors of the plant would read, by name, each (N,)."""
         inputs = self.inputs(series)
         x = self.system.at(series.start).start(
-            inputs[0], _first(series[self.plant.output.name][0]))
+            inputs[0], series[self.plant.output.name][0])
         seen = np.full((len(inputs), len(self.system.step.H)), np.nan)
         self.system.run(inputs, x, seen=seen, start=series.start)
         return {sensor.name: seen[:, self.system.step.sensors + k]
@@ -155,11 +155,6 @@ def deviations(predictor: Analytical, estimates: Sequence[FloatArray]
             for name, std in zip(predictor.filter.names, found, strict=False)}
 
 
-def _first(measured: float) -> float:
-    """Take the first measured output, or none at all, as the output at the start."""
-    return float(measured) if math.isfinite(measured) else 0.0
-
-
 class FreeRun:
     """A free run, live."""
 
@@ -185,7 +180,7 @@ class FreeRun:
             y: float = kernel.live_step(self.x, self.z, self.work, self.inputs, self.k,
                                         *system.live)
         else:
-            self.x[:] = system.start(inputs, _first(measured))
+            self.x[:] = system.start(inputs, measured)
             y = kernel.output(system.step, self.x, self.z, self.work, self.inputs, 0, False)
         return y
 
@@ -218,7 +213,7 @@ class Observed(FreeRun):
             self.forget()
         self.inputs[self.k] = inputs
         if self.k == 0:
-            self.x[:] = self.system.at(stamp).start(inputs, _first(measured))
+            self.x[:] = self.system.at(stamp).start(inputs, measured)
         self.measured[self.k, 0] = measured
         if self.uses_sensors:
             self.measured[self.k, 1:] = math.nan if sensors is None else sensors

@@ -13,9 +13,9 @@ from typing import NamedTuple, TYPE_CHECKING
 import numpy as np
 import numpy.typing as npt
 
+from hydro_twin.arrays import FloatArray
 from hydro_twin.compiled import compiled
 from hydro_twin.errors import ModelError
-from hydro_twin.plants.plant import FloatArray
 from hydro_twin.predictors.kernel import Step
 from hydro_twin.predictors.rows import add, clear, in_rows, put, WIDTH
 from hydro_twin.predictors.system import System

@@ -15,8 +15,8 @@ from __future__ import annotations
 import math
 from typing import NamedTuple
 
+from hydro_twin.arrays import FloatArray
 from hydro_twin.compiled import compiled
-from hydro_twin.plants.plant import FloatArray
 from hydro_twin.predictors.follow import follow_by
 from hydro_twin.predictors.kernel import LIMIT
 from hydro_twin.predictors.step_derivatives import advance, divided, output, read_sensor

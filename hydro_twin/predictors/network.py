@@ -7,15 +7,12 @@ import math
 from pathlib import Path
 
 import numpy as np
-import numpy.typing as npt
 from safetensors.numpy import save
 
+from hydro_twin.arrays import FloatArray, IntArray
 from hydro_twin.compiled import compiled
 from hydro_twin.errors import ModelError
 from hydro_twin.files import write_whole
-
-FloatArray = npt.NDArray[np.float64]
-IntArray = npt.NDArray[np.int64]
 
 FORMAT = '1'
 

@@ -11,8 +11,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 from safetensors import safe_open, SafetensorError
 
+from hydro_twin.arrays import FloatArray
 from hydro_twin.errors import ModelError
-from hydro_twin.plants.plant import FloatArray
 from hydro_twin.predictors.analytical import Analytical, OneStep
 from hydro_twin.predictors.network import FORMAT, Network
 from hydro_twin.predictors.recurrent import Recurrent

@@ -7,7 +7,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 from scipy.linalg import expm
 
-from hydro_twin.plants.plant import FloatArray, Laws
+from hydro_twin.arrays import FloatArray
+from hydro_twin.plants.plant import Laws
 from hydro_twin.predictors.follow import Followed
 from hydro_twin.predictors.kalman import Filter, GATE, LASTING, run, Scratch
 from hydro_twin.predictors.quantities import quantities_of
@@ -124,8 +125,7 @@ class Observer:
             its value in the model; nan after a divergence.
         """
         system, measured = self.system, measured.reshape(len(inputs), -1)
-        x = system.at(start).start(
-            inputs[0], float(measured[0, 0]) if math.isfinite(measured[0, 0]) else 0.0)
+        x = system.at(start).start(inputs[0], float(measured[0, 0]))
         observation = Observation(self, x, np.zeros(system.memory))
         results = np.empty((len(inputs), 2 * measured.shape[1]))
         seen = np.empty((len(inputs) if estimates else 0, 2, len(self.filter.shown)))

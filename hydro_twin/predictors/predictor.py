@@ -3,8 +3,8 @@ from __future__ import annotations
 
 from typing import Protocol, TYPE_CHECKING
 
+from hydro_twin.arrays import FloatArray
 from hydro_twin.plants import Plant
-from hydro_twin.plants.plant import FloatArray
 from hydro_twin.recording.series import Series
 
 if TYPE_CHECKING:

@@ -3,8 +3,8 @@ from __future__ import annotations
 
 import numpy as np
 
+from hydro_twin.arrays import FloatArray
 from hydro_twin.effects.effect import ADDED
-from hydro_twin.plants.plant import FloatArray
 from hydro_twin.predictors.system import signal_row, System
 
 

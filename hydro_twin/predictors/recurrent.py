@@ -5,8 +5,9 @@ import math
 
 import numpy as np
 
+from hydro_twin.arrays import FloatArray, IntArray
 from hydro_twin.compiled import compiled
-from hydro_twin.predictors.network import FloatArray, IntArray, Network
+from hydro_twin.predictors.network import Network
 
 SETTLED = 50            # samples at rest before a free run: the length that it is trained on
 

@@ -18,7 +18,7 @@ from numba.core import cgutils
 from numba.extending import intrinsic
 import numpy as np
 
-from hydro_twin.plants.plant import FloatArray
+from hydro_twin.arrays import FloatArray
 
 WIDTH = 16
 LINE = 64               # bytes in a line of the cache

@@ -18,7 +18,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from hydro_twin.plants.plant import FloatArray, Plant
+from hydro_twin.arrays import FloatArray
+from hydro_twin.plants.plant import Plant
 from hydro_twin.predictors.predictor import modes_of
 from hydro_twin.recording.series import Recording, Series
 

@@ -8,8 +8,8 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from hydro_twin.arrays import FloatArray, IntArray
 from hydro_twin.compiled import compiled
-from hydro_twin.plants.plant import FloatArray
 from hydro_twin.predictors.kernel import LIMIT
 from hydro_twin.predictors.rows import copy, in_rows
 from hydro_twin.predictors.step_derivatives import (
@@ -20,7 +20,7 @@ from hydro_twin.predictors.step_derivatives import (
     read_sensor,
     rows_for,
 )
-from hydro_twin.predictors.system import IntArray, System
+from hydro_twin.predictors.system import System
 from hydro_twin.predictors.tangents import Directions, lasting, split_rows, Tangent
 
 UNBOUNDED = 1e50        # of a derivative: its products in a fit would overflow
@@ -68,6 +68,14 @@ def bound(dy, edges, limit):  # type: ignore[no-untyped-def]
     """Set derivatives dy (N, 1 + K, D) to zero in each part, by the columns that grow further."""
     for part in range(len(edges) - 1):
         begin, end = edges[part], edges[part + 1]
+        beyond = False
+        for k in range(begin, end):
+            for q in range(dy.shape[1]):
+                for column in range(dy.shape[2]):
+                    if not abs(dy[k, q, column]) < limit:
+                        beyond = True
+        if not beyond:
+            continue
         for column in range(dy.shape[2]):
             grows = False
             for k in range(begin, end):

@@ -10,8 +10,8 @@ from typing import NamedTuple
 
 import numpy as np
 
+from hydro_twin.arrays import FloatArray
 from hydro_twin.compiled import compiled, inlined
-from hydro_twin.plants.plant import FloatArray
 from hydro_twin.predictors import kernel
 from hydro_twin.predictors.input_derivatives import input_rows, slope_at
 from hydro_twin.predictors.kernel import inputs_over, interpolated, observe

@@ -9,16 +9,14 @@ import math
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 from scipy.linalg import expm
 
+from hydro_twin.arrays import FloatArray, IntArray
 from hydro_twin.effects import Placed
 from hydro_twin.effects.dispatch import code
-from hydro_twin.plants.plant import FloatArray, Laws, Plant
+from hydro_twin.plants.plant import Laws, Plant
 from hydro_twin.predictors import kernel
 from hydro_twin.predictors.kernel import ENTRY, Step
-
-IntArray = npt.NDArray[np.int64]
 
 HOLD, LINEAR = 'hold', 'linear'     # how commands go from sample to sample
 NEWTON = 20             # steps to the state at rest, at most
@@ -101,8 +99,12 @@ class System:
         return np.zeros((8, max(self.step.M.shape[1], self.memory)))
 
     def start(self, inputs: FloatArray, output: float) -> FloatArray:
-        """Return the state at rest, shape (n,), that gives this output under these inputs (m,)."""
-        x: FloatArray = self.at_rest(inputs[None, :], np.array([output]))[0]
+        """Return the state at rest, shape (n,), that gives this output under these inputs (m,).
+
+        An output that was not measured counts as zero.
+        """
+        known = output if math.isfinite(output) else 0.0
+        x: FloatArray = self.at_rest(inputs[None, :], np.array([known]))[0]
         return x
 
     def at_rest(self, inputs: FloatArray, outputs: FloatArray) -> FloatArray:

@@ -10,8 +10,8 @@ from typing import Any, NamedTuple
 import numpy as np
 import numpy.typing as npt
 
+from hydro_twin.arrays import FloatArray
 from hydro_twin.compiled import compiled
-from hydro_twin.plants.plant import FloatArray
 from hydro_twin.predictors.rows import in_rows
 from hydro_twin.predictors.system import discretise, port_rows, System
 

@@ -14,10 +14,10 @@ from typing import Any
 
 import numpy as np
 
+from hydro_twin.arrays import FloatArray, IntArray
 from hydro_twin.errors import BagError, UserError
 from hydro_twin.recording import mcap
-from hydro_twin.recording.cdr import Batch, CdrError, Extractor, IntArray
-from hydro_twin.recording.series import FloatArray
+from hydro_twin.recording.cdr import Batch, CdrError, Extractor
 from hydro_twin.recording.signals import SignalMap
 
 log = logging.getLogger(__name__)

@@ -14,13 +14,13 @@ from typing import Any, NamedTuple, TYPE_CHECKING
 import numpy as np
 import numpy.typing as npt
 
+from hydro_twin.arrays import IntArray
 from hydro_twin.recording.signals import NAME_FIELDS, split_index
 
 if TYPE_CHECKING:
     from rosbags.typesys.store import Typestore
 
 ByteArray = npt.NDArray[np.uint8]
-IntArray = npt.NDArray[np.int64]
 
 DTYPES = {
     'bool': 'u1', 'byte': 'u1', 'octet': 'u1', 'char': 'u1', 'int8': 'i1', 'uint8': 'u1',

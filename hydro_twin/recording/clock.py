@@ -8,8 +8,8 @@ from typing import Any, TYPE_CHECKING
 
 import numpy as np
 
+from hydro_twin.arrays import IntArray
 from hydro_twin.errors import UserError
-from hydro_twin.recording.cdr import IntArray
 from hydro_twin.recording.grid import STEADY_SHARE
 from hydro_twin.recording.jitter import remove_jitter
 from hydro_twin.recording.signals import number

@@ -12,8 +12,8 @@ import re
 
 import numpy as np
 
+from hydro_twin.arrays import FloatArray
 from hydro_twin.errors import BagError
-from hydro_twin.recording.series import FloatArray
 from hydro_twin.recording.table_map import TableMap
 
 log = logging.getLogger(__name__)

@@ -5,10 +5,10 @@ from collections.abc import Collection, Mapping
 
 import numpy as np
 
+from hydro_twin.arrays import FloatArray, IntArray
 from hydro_twin.recording.bag import Samples
-from hydro_twin.recording.cdr import IntArray
 from hydro_twin.recording.jitter import remove_jitter
-from hydro_twin.recording.series import FloatArray, Series
+from hydro_twin.recording.series import Series
 
 MAX_GAP = 5.0   # sample times, or periods of a slower signal, that a pause may last
 MIN_SAMPLES = 10   # shorter stretches hold nothing to learn from

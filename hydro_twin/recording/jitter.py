@@ -6,8 +6,7 @@ import math
 import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
 
-from hydro_twin.recording.cdr import IntArray
-from hydro_twin.recording.series import FloatArray
+from hydro_twin.arrays import FloatArray, IntArray
 
 WINDOW = 100   # messages over which the earliest arrival shows the delay that all have in common
 SHORTEST = 20   # fewer messages do not make a line

@@ -13,7 +13,8 @@ import struct
 
 import numpy as np
 
-from hydro_twin.recording.cdr import Batch, ByteArray, IntArray
+from hydro_twin.arrays import IntArray
+from hydro_twin.recording.cdr import Batch, ByteArray
 
 MAGIC = 8
 MESSAGE, CHUNK, MESSAGE_INDEX = 0x05, 0x06, 0x07

@@ -9,11 +9,11 @@ from pathlib import Path
 
 import numpy as np
 
+from hydro_twin.arrays import FloatArray, IntArray
 from hydro_twin.errors import BagError
-from hydro_twin.recording.cdr import IntArray
 from hydro_twin.recording.columns import load_columns
 from hydro_twin.recording.grid import MAX_GAP
-from hydro_twin.recording.series import FloatArray, StampedSeries
+from hydro_twin.recording.series import StampedSeries
 from hydro_twin.recording.table_map import TableMap
 
 log = logging.getLogger(__name__)

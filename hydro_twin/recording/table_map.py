@@ -9,8 +9,8 @@ from typing import Any
 
 import numpy as np
 
+from hydro_twin.arrays import FloatArray
 from hydro_twin.errors import UserError
-from hydro_twin.recording.series import FloatArray
 from hydro_twin.recording.signals import load_yaml, number
 
 UNITS = {   # unit of a column -> its SI unit, and how much of it it is

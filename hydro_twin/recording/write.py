@@ -11,10 +11,11 @@ from typing import Any, TYPE_CHECKING
 
 import numpy as np
 
+from hydro_twin.arrays import IntArray
 from hydro_twin.errors import BagError, DataError
 from hydro_twin.files import named_in_errors
 from hydro_twin.recording.bag import opened, read_signals, STAMP, STORAGES
-from hydro_twin.recording.cdr import IntArray, lay_out, Layout
+from hydro_twin.recording.cdr import lay_out, Layout
 from hydro_twin.recording.series import Series, StampedSeries
 from hydro_twin.recording.signals import NAME_FIELDS, SignalMap, split_index
 

@@ -7,7 +7,7 @@ from typing import Any, Literal
 
 import numpy as np
 
-from hydro_twin.plants.plant import FloatArray
+from hydro_twin.arrays import FloatArray
 
 MEASURED, BEFORE, AFTER, QUIET = '#222222', '#d95f02', '#1b9e77', '#8a8a8a'
 FOUND = '#7570b3'

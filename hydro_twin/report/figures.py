@@ -7,11 +7,11 @@ from pathlib import Path
 import numpy as np
 from scipy import signal
 
+from hydro_twin.arrays import FloatArray
 from hydro_twin.effects import Placed
 from hydro_twin.effects.curve import values
 from hydro_twin.model import Model
 from hydro_twin.plants import Plant, Port
-from hydro_twin.plants.plant import FloatArray
 from hydro_twin.report.chart import (
     AFTER,
     axis,

@@ -2,15 +2,12 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 
 import numpy as np
 
-from hydro_twin.plants.plant import FloatArray
 from hydro_twin.report.chart import (
     AFTER,
     axis,
-    BEFORE,
     Chart,
     Curve,
     Illustration,
@@ -24,40 +21,13 @@ from hydro_twin.store.history import Course, Row
 SPANS = (('days', 1.0), ('hours', 24.0), ('minutes', 1440.0))    # unit, how many a day has
 
 
-@dataclass(frozen=True)
-class Event:
-    """Something that happened, at a time [s]."""
-
-    time: float
-    says: str
-
-
-@dataclass(frozen=True)
-class Story:
-    """How the residual of a twin went, and what happened.
-
-    Attributes:
-        time: [s], (N,).
-        residual: RMS about each of them, (N,), in `unit`.
-        noise: RMS of the sensor.
-    """
-
-    time: FloatArray
-    residual: FloatArray
-    noise: float
-    unit: str
-    events: tuple[Event, ...]
-
-
-def history_page(name: str, rows: Sequence[Row], courses: Sequence[Course],
-                 story: Story | None = None) -> str:
+def history_page(name: str, rows: Sequence[Row], courses: Sequence[Course]) -> str:
     """Write the history of a store as one self-contained page.
 
     Args:
         name: of the store.
         rows: its versions, the oldest first.
         courses: of the parameters of the plant and of the effects.
-        story: what happened meanwhile, to be shown first.
     """
     last = max(course.days[-1] for course in courses) if courses else 0.0
     unit, scale = next((span for span in SPANS if last * span[1] >= 2.0), SPANS[-1])
@@ -65,22 +35,7 @@ def history_page(name: str, rows: Sequence[Row], courses: Sequence[Course],
     return environment().get_template('history.html').render(
         name=name, rows=rows, courses=list(zip(courses, drawn, strict=True)),
         champion=next((row for row in rows if row.alias == 'champion'), None),
-        short=short, spread=spread, story=story,
-        residual=None if story is None else residual_over_time(story),
-        data={one.name: plain(one) for one in [
-            *drawn, *([] if story is None else [residual_over_time(story)])]})
-
-
-def residual_over_time(story: Story) -> Illustration:
-    """Draw the residual of the twin, with a line at each event."""
-    top = 1.05 * float(np.max(story.residual))
-    return Illustration(
-        'story', 'Residual of the twin', 'RMS of each second; a line at each event.',
-        (View('', (Chart('time [s]', axis('residual', story.unit), (
-            Curve('residual', story.time, story.residual, AFTER),
-            Curve('noise', story.time[[0, -1]], np.full(2, story.noise), QUIET, 'dash'),
-            *(Curve('' if k else 'event', np.full(2, event.time), np.array([0.0, top]), BEFORE,
-                    'dash') for k, event in enumerate(story.events)))),)),))
+        short=short, spread=spread, data={one.name: plain(one) for one in drawn})
 
 
 def illustration(index: int, course: Course, scale: float, time: str) -> Illustration:

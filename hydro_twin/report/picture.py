@@ -7,8 +7,9 @@ from pathlib import Path
 from matplotlib.figure import Figure
 import numpy as np
 
+from hydro_twin.arrays import FloatArray
 from hydro_twin.files import written_whole
-from hydro_twin.plants.plant import FloatArray, Plant
+from hydro_twin.plants.plant import Plant
 from hydro_twin.recording.series import Recording
 
 SHOWN = 1000                                              # samples, of the first series

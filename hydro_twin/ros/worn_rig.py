@@ -24,10 +24,10 @@ from rclpy.qos import QoSProfile
 from sensor_msgs.msg import JointState
 from std_msgs.msg import Empty
 
+from hydro_twin.arrays import FloatArray
 from hydro_twin.live.writer import Writer
 from hydro_twin.model import Model, place, Record, Uncertainty, write_model
 from hydro_twin.plants import plant_named
-from hydro_twin.plants.plant import FloatArray
 from hydro_twin.recording.series import Series
 from hydro_twin.simulation.simulate import simulate
 

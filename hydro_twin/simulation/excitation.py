@@ -9,8 +9,9 @@ import numpy as np
 from scipy.interpolate import CubicSpline
 from scipy.signal import butter, lsim, sosfilt
 
+from hydro_twin.arrays import FloatArray
 from hydro_twin.errors import UserError
-from hydro_twin.plants.plant import FloatArray, Laws
+from hydro_twin.plants.plant import Laws
 from hydro_twin.simulation.simulate import Excitation
 
 RISE = 0.1                                  # [s] in which what would start abruptly is let in

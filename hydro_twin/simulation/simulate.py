@@ -6,8 +6,9 @@ from collections.abc import Callable, Mapping, Sequence
 import numpy as np
 import numpy.typing as npt
 
+from hydro_twin.arrays import FloatArray
 from hydro_twin.effects import EFFECTS, Placed
-from hydro_twin.plants.plant import FloatArray, Laws, Plant
+from hydro_twin.plants.plant import Laws, Plant
 from hydro_twin.recording.series import Series
 from hydro_twin.simulation.integrator import integrate
 

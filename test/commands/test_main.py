@@ -8,8 +8,9 @@ import tempfile
 import numpy as np
 import pytest
 
+from hydro_twin.as_json import as_json
 from hydro_twin.commands import main as command_line
-from hydro_twin.commands.main import main, plain
+from hydro_twin.commands.main import main
 from hydro_twin.commands.registry import verbs
 from hydro_twin.commands.verb import Verb
 from hydro_twin.errors import UserError
@@ -95,9 +96,9 @@ def test_wrong_arguments_are_one_line(verb, capsys, arguments):
     assert err.count('\n') == 1
 
 
-def test_plain_leaves_whole_numbers_and_truth_alone():
-    assert plain({1: (True, 2, 'x')}) == {'1': [True, 2, 'x']}
-    assert plain(np.bool_(True)) is True
+def test_json_leaves_whole_numbers_and_truth_alone():
+    assert as_json({1: (True, 2, 'x')}) == {'1': [True, 2, 'x']}
+    assert as_json(np.bool_(True)) is True
 
 
 @pytest.mark.parametrize('verb', verbs())

@@ -7,11 +7,11 @@ import numpy as np
 import pytest
 from traced_rig import fitted, PLANT, record, VALUES
 
+from hydro_twin.fitting.output_error import free_run_error
 from hydro_twin.fitting.port_signals import observe
 from hydro_twin.inference.chain import best_interpolation
 from hydro_twin.inference.select import (
     fit_alternatives,
-    free_run_error,
     refine,
     search,
 )

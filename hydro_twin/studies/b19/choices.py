@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 
+from hydro_twin.arrays import FloatArray
 from hydro_twin.fitting.coefficients import coefficients_of
 from hydro_twin.fitting.network import Job, Problem, SETTINGS, train_many
 from hydro_twin.fitting.network_search import Scores
@@ -20,7 +21,7 @@ from hydro_twin.parallel import in_processes
 from hydro_twin.plants import Plant
 from hydro_twin.predictors.kind import Settings
 from hydro_twin.predictors.scores import rms
-from hydro_twin.recording.series import FloatArray, Recording
+from hydro_twin.recording.series import Recording
 from hydro_twin.studies.b19.bees import bees
 from hydro_twin.studies.b19.evolution import evolution
 from hydro_twin.studies.b19.particle_swarm import particle_swarm

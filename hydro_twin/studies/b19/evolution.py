@@ -3,8 +3,8 @@ from __future__ import annotations
 
 import numpy as np
 
+from hydro_twin.arrays import FloatArray
 from hydro_twin.fitting.search import CYCLES, INDIVIDUALS, Objective, Scorer, SearchResult
-from hydro_twin.recording.series import FloatArray
 
 STEP = 0.1          # K_i in widths of the box
 

@@ -9,6 +9,7 @@ from typing import Any, cast, TYPE_CHECKING
 
 import numpy as np
 
+from hydro_twin.arrays import FloatArray
 from hydro_twin.commands import import_, simulate
 from hydro_twin.fitting.coefficients import coefficients_of
 from hydro_twin.fitting.network import Job, SETTINGS, train_many
@@ -16,7 +17,6 @@ from hydro_twin.fitting.refit import network_problem
 from hydro_twin.fitting.regression import regressors
 from hydro_twin.model import Model
 from hydro_twin.plants import Plant
-from hydro_twin.plants.plant import FloatArray
 from hydro_twin.predictors.analytical import Analytical
 from hydro_twin.predictors.network_predictor import NetworkPredictor
 from hydro_twin.recording.rig import read, Rig, rig_of

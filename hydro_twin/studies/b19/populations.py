@@ -4,13 +4,18 @@ from __future__ import annotations
 from collections.abc import Callable
 from functools import partial
 
+from hydro_twin.arrays import FloatArray
 from hydro_twin.fitting import physics
-from hydro_twin.fitting.one_step import Coefficients, one_step_error
-from hydro_twin.fitting.physics import box, Method, search_least_squares
+from hydro_twin.fitting.one_step import (
+    box,
+    Coefficients,
+    one_step_error,
+    search_least_squares,
+)
+from hydro_twin.fitting.physics import Method
 from hydro_twin.fitting.regression import Regression
 from hydro_twin.fitting.search import Objective, SearchResult
 from hydro_twin.plants import Plant
-from hydro_twin.recording.series import FloatArray
 from hydro_twin.studies.b19.bees import bees
 from hydro_twin.studies.b19.evolution import evolution
 from hydro_twin.studies.b19.particle_swarm import particle_swarm

@@ -8,6 +8,7 @@ import math
 import numpy as np
 from scipy.stats import mannwhitneyu
 
+from hydro_twin.arrays import FloatArray
 from hydro_twin.errors import DataError
 from hydro_twin.fitting.coefficients import coefficients_of
 from hydro_twin.fitting.network import Job, SETTINGS, train_many
@@ -17,7 +18,6 @@ from hydro_twin.fitting.regression import Regression, regression
 from hydro_twin.fitting.search import SearchResult
 from hydro_twin.model import Model
 from hydro_twin.plants import Plant
-from hydro_twin.plants.plant import FloatArray
 from hydro_twin.predictors.analytical import Analytical
 from hydro_twin.predictors.kind import Settings
 from hydro_twin.predictors.network_predictor import NetworkPredictor

@@ -7,9 +7,9 @@ import math
 
 import numpy as np
 
+from hydro_twin.arrays import FloatArray
 from hydro_twin.errors import DataError
 from hydro_twin.predictors.predictor import Predictor
-from hydro_twin.recording.series import FloatArray
 from hydro_twin.studies.l18.flow_characteristic import FlowCharacteristic
 from hydro_twin.studies.l18.power_control import power_asked, PowerControl
 from hydro_twin.studies.l18.turbine import Turbine

@@ -7,13 +7,14 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.optimize import least_squares
 
+from hydro_twin.arrays import FloatArray
 from hydro_twin.errors import DataError
 from hydro_twin.fitting.identifiability import assess
 from hydro_twin.fitting.linear import fit_linear
 from hydro_twin.fitting.parts import parts_of
 from hydro_twin.model import Estimate
 from hydro_twin.plants.valve_servo import VALVE_SERVO
-from hydro_twin.recording.series import FloatArray, Recording
+from hydro_twin.recording.series import Recording
 from hydro_twin.studies.l18.linear_loop import exact_equivalent, LoopParameters
 
 NAMES = ('T_y', 'T_c', 'tau')

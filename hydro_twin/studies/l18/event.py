@@ -5,8 +5,8 @@ from pathlib import Path
 
 import numpy as np
 
+from hydro_twin.arrays import FloatArray
 from hydro_twin.errors import UserError
-from hydro_twin.recording.series import FloatArray
 from hydro_twin.recording.signals import load_parameters, number
 from hydro_twin.share import share_folder
 from hydro_twin.studies.l18 import power_control, turbine

@@ -10,7 +10,7 @@ import numpy as np
 from scipy.signal import lfilter
 from scipy.stats import probplot
 
-from hydro_twin.recording.series import FloatArray
+from hydro_twin.arrays import FloatArray
 from hydro_twin.studies.l18.closed_loop import Run
 from hydro_twin.studies.l18.flow_characteristic import FlowCharacteristic
 from hydro_twin.studies.l18.linear_loop import exact_equivalent, PUBLISHED, Weights

@@ -11,8 +11,8 @@ from scipy.integrate import trapezoid
 from scipy.interpolate import PchipInterpolator
 from scipy.optimize import brentq
 
+from hydro_twin.arrays import FloatArray
 from hydro_twin.errors import DataError
-from hydro_twin.recording.series import FloatArray
 from hydro_twin.share import share_folder
 
 RIGHT = 'expected a header and then rows of opening, flow'

@@ -9,13 +9,13 @@ from typing import Any
 
 import numpy as np
 
+from hydro_twin.arrays import FloatArray
 from hydro_twin.as_json import as_json
 from hydro_twin.files import write_whole
 from hydro_twin.model import Model
 from hydro_twin.predictors.analytical import Analytical
 from hydro_twin.progress import progress
 from hydro_twin.recording.read import read_recording
-from hydro_twin.recording.series import FloatArray
 from hydro_twin.recording.signals import load_signals
 from hydro_twin.studies.l18.closed_loop import agreement, Run, run_loop
 from hydro_twin.studies.l18.event import CONSTANTS, LOAD, load_loop_constants, simulated_frequency

@@ -6,10 +6,11 @@ import json
 from pathlib import Path
 from typing import Any
 
+from hydro_twin.arrays import FloatArray
 from hydro_twin.as_json import as_json
 from hydro_twin.files import write_whole
 from hydro_twin.model import Estimate
-from hydro_twin.recording.series import FloatArray, Recording
+from hydro_twin.recording.series import Recording
 from hydro_twin.report.picture import write_picture
 from hydro_twin.studies.l18.direct import fit_free_run, fit_one_step
 from hydro_twin.studies.l18.figures import draw_fit, residual_figures

@@ -8,7 +8,7 @@ from scipy.cluster.vq import kmeans2
 from scipy.spatial.distance import cdist, pdist
 from scipy.special import expit
 
-from hydro_twin.recording.series import FloatArray
+from hydro_twin.arrays import FloatArray
 
 Network = Callable[[FloatArray], FloatArray]
 

@@ -12,9 +12,10 @@ import numpy as np
 from scipy.signal import butter, lfilter, lfiltic, sosfiltfilt
 from scipy.special import expit
 
+from hydro_twin.arrays import FloatArray
 from hydro_twin.errors import DataError
 from hydro_twin.predictors.scores import rms
-from hydro_twin.recording.series import FloatArray, Recording, Series
+from hydro_twin.recording.series import Recording, Series
 from hydro_twin.studies.l18.direct import Nearest, nearest_loop
 from hydro_twin.studies.l18.linear_loop import LoopParameters, parameters_from_poles, Weights
 from hydro_twin.studies.l18.networks import train_bp, train_rbf
