@@ -50,6 +50,12 @@ def starts(span: Span) -> Starts:
             for samples in (3.0, 6.0, 12.0, 24.0, 48.0) for damping in (0.7, 0.15)]
 
 
+def distinguishable(span: Span, values: tuple[float, ...]) -> bool:
+    """Separate a mode that a recording shows from one above half of its sampling rate."""
+    natural_frequency, _ = values
+    return natural_frequency * span.sample_time < 0.5
+
+
 EFFECT = Effect(
     id='mode',
     title='second-order mode',
@@ -60,6 +66,7 @@ EFFECT = Effect(
     ),
     starts=starts,
     excitation='use steps, or sinusoids up to the frequency of the mode',
+    distinguishable=distinguishable,
     hides=True,
     dynamic=True,
     simpler='lag',

@@ -23,6 +23,7 @@ NEARER = 0.9            # of the mean square missed: more is left by the last st
 NEAR = 0.05             # of the movement: a start that misses less is not on a wrong side
 NO_WORSE = 1.2          # RMS missed over that of a like model: no reason to search anew
 STEPS = 8               # of that search
+SHORTEST = 4            # samples for each state, fewer of which are not searched by themselves
 HELD = 0.01             # cost of a deviation from rest, over that of as large an output
 DAMPED = (HELD, 0.3, 10.0)      # and of one from the last step
 LEAST = 1e-3            # of the size of the output: movement that is worth following
@@ -44,6 +45,12 @@ class Beginnings:
     own: npt.NDArray[np.bool_]
     sizes: FloatArray
 
+    @property
+    def lengths(self) -> IntArray:
+        """How many samples are of each part, (P,)."""
+        found: IntArray = self.own.sum(axis=1)
+        return found
+
     @classmethod
     def of(cls, parts: Sequence[Part], start_up: int) -> Beginnings:
         """Take as many samples of each part as show the state at its start."""
@@ -63,6 +70,12 @@ class Beginnings:
         longest = int(own.sum(axis=1).max())
         return Beginnings(self.inputs[parts, :longest], self.measured[parts, :longest],
                           own[:, :longest], self.sizes[parts])
+
+    def first_half(self) -> Beginnings:
+        """Take the first half of the samples of each part."""
+        n = (self.own.shape[1] + 1) // 2
+        own = np.arange(n) < (self.lengths[:, None] + 1) // 2
+        return Beginnings(self.inputs[:, :n], self.measured[:, :n], own, self.sizes)
 
 
 def find_starts(system: System, beginnings: Beginnings, near: Starts | None = None) -> Starts:
@@ -110,10 +123,10 @@ class _Search:
     """
 
     def __init__(self, system: System, beginnings: Beginnings) -> None:
-        self.system, self.tangent = system, tangent_of(system, NONE)
+        self.system, self.tangent, self.beginnings = system, tangent_of(system, NONE), beginnings
         self.inputs, self.measured = beginnings.inputs, beginnings.measured
         self.own, self.sizes = beginnings.own, beginnings.sizes
-        lengths = self.own.sum(axis=1)
+        lengths = beginnings.lengths
         response = system.free_response(self.own.shape[1])
         self.every = np.arange(len(self.sizes))
         rest = system.at_rest(self.inputs[:, 0], self.measured[:, 0])
@@ -135,14 +148,37 @@ class _Search:
             self.step(self.every, self.linear, HELD, 1.0)
             return self.state
         columns = self.search(self.every, np.arange(self.scale.shape[1]) < self.n)
-        lengths = self.own.sum(axis=1)
-        far = np.flatnonzero(self.power > (NEAR * self.sizes) ** 2 * lengths)
+        far = self.far()
+        if len(far) and self.own.shape[1] >= 2 * SHORTEST * self.n:
+            self.from_first_half(far, columns)
+            far = self.far()
         before, power = self.state.copy(), self.power.copy()
         nearer = self.other_side(far, columns[far])
         self.search(nearer, np.ones(self.scale.shape[1], dtype=bool))
         back = nearer[~(self.power[nearer] < MOVES * power[nearer])]
         self.state[back] = before[back]
         return self.state
+
+    def far(self) -> IntArray:
+        """List the parts of which much is missed."""
+        return np.flatnonzero(
+            self.power > (NEAR * self.sizes) ** 2 * self.beginnings.lengths)
+
+    def from_first_half(self, far: IntArray, columns: FloatArray) -> None:
+        """Search again from the states that fewer samples show, where that leaves less.
+
+        Where a mass turns back, its friction does, too: no step leads there from a start from
+        which it turns elsewhere. Before that the search is easy.
+        """
+        before, missed, power = self.state[far], self.missed[far], self.power[far]
+        shorter = self.beginnings.at(far).first_half()
+        self.state[far] = _Search(self.system, shorter).states()
+        self.missed[far], self.power[far] = self.at(self.state[far], far)
+        columns[far] = self.search(far, np.arange(self.scale.shape[1]) < self.n)[far]
+        worse = ~(self.power[far] < power)
+        back = far[worse]
+        self.state[back], self.missed[back], self.power[back] = (
+            before[worse], missed[worse], power[worse])
 
     def at(self, states: FloatArray, parts: IntArray) -> tuple[FloatArray, FloatArray]:
         """Say what runs from states of parts miss, (K, N), and the sum of squares of that."""

@@ -37,6 +37,7 @@ from hydro_twin.inference.select import (
     unsearched,
 )
 from hydro_twin.inference.structure import drift, drifts
+from hydro_twin.model import Model
 from hydro_twin.predictors.scores import rms
 from hydro_twin.predictors.system import HOLD, LINEAR
 from hydro_twin.result import NEAR
@@ -46,6 +47,8 @@ LEVEL = 1e-3            # significance, corrected for all that was tried
 WORTH = 0.01            # least share of the mean square error that the first effect takes off
 MORE = 0.06             # and each after it, unless it settles what is left
 FINE = 0.2              # largest error of the time stepping, as a share of the residual
+STEPPING = 0.5          # the same from which it may be all of the residual: as halving goes on, it
+#                         adds up to twice as much
 FINE_ENOUGH, FINEST = 8, 16     # steps in a sample, while a model grows and in the end
 ROUNDS = 8              # most rounds of adding an effect
 LATER, AGAIN = 8, 4     # effects fitted in full after the first round, and for an exchange
@@ -93,7 +96,7 @@ def grow(chain: Chain, alternatives: Sequence[Alternative], context: Context,
         context.remember(better)
         chain = exchange(Chain(better, (*chain.findings, found)), context)
         chain = simplified(refined(chain, chain.findings[:-1], context), context)
-        if len(chain.findings) == MOST:
+        if len(chain.findings) == MOST or is_stepping(chain.fit, context.parts):
             break
         alternatives = context.fit_alternatives(chain.fit, LATER)
     return chain
@@ -258,17 +261,26 @@ def _nearest(found: Finding, effect: Effect) -> float:
 def finely(fit: Fit, parts: Sequence[Part], finest: int) -> Fit:
     """Shorten the steps until halving them changes the output little, then fit again."""
     candidate = fit.candidate
-    while candidate.substeps < finest:
-        finer = replace(candidate, substeps=2 * candidate.substeps)
-        starts = initial_states(candidate, parts)
-        change = rms(np.concatenate([
-            part.whitened(then - now) for part, now, then in zip(parts, *(
-                runs(model, parts, starts.x, starts.z) for model in (candidate, finer)),
-                strict=True)]))
-        if change < FINE * fit.error:
-            break
-        candidate = finer
+    while candidate.substeps < finest and halving(candidate, parts) >= FINE * fit.error:
+        candidate = replace(candidate, substeps=2 * candidate.substeps)
     return fit if candidate is fit.candidate else search(candidate, parts, LONG)
+
+
+def halving(candidate: Model, parts: Sequence[Part]) -> float:
+    """Say by how much half as long steps change the output, RMS, whitened."""
+    finer = replace(candidate, substeps=2 * candidate.substeps)
+    starts = initial_states(candidate, parts)
+    now, then = (runs(model, parts, starts.x, starts.z) for model in (candidate, finer))
+    return rms(np.concatenate([part.whitened(b - a) for part, a, b in zip(
+        parts, now, then, strict=True)]))
+
+
+def is_stepping(fit: Fit, parts: Sequence[Part]) -> bool:
+    """Whether what is left is no more than the error of the time steps.
+
+    As of a simulation without noise; no law is to be found in it.
+    """
+    return halving(fit.candidate, parts) > STEPPING * fit.error
 
 
 def best_interpolation(fit: Fit, parts: Sequence[Part]) -> Fit:

@@ -15,7 +15,14 @@ from hydro_twin.fitting.coloured import as_measured, is_coloured, whitened
 from hydro_twin.fitting.fit import Fit
 from hydro_twin.fitting.parts import Part
 from hydro_twin.inference.beam import widen
-from hydro_twin.inference.chain import finely, FINEST, grow, simplified, supported
+from hydro_twin.inference.chain import (
+    finely,
+    FINEST,
+    grow,
+    is_stepping,
+    simplified,
+    supported,
+)
 from hydro_twin.inference.context import Context
 from hydro_twin.inference.continuation import from_short_windows, with_rivals_of_short_windows
 from hydro_twin.inference.curve import FittedCurve
@@ -61,6 +68,8 @@ def explain(base: Fit, context: Context, known: Sequence[Model]) -> Explanation:
     """
     known = [*known, *from_short_windows(base, context)]
     base, chain, _ = _grown(base, context, known)
+    if is_stepping(chain.fit, context.parts):
+        return Explanation(base, chain, None, None)
     found = None
     if is_coloured(chain.fit):
         context.progress('repeating the search with coloured noise')

@@ -88,7 +88,8 @@ def sentence(result: TraceResult) -> str:
     unit = '' if result.plant.output.unit == '1' else f' {result.plant.output.unit}'
     test = [model.errors['after'][result.judged]['test']
             for model in (result.before, result.after)]
-    error = 'free-run error' if result.horizon is None else f'error over {result.horizon:g} s'
+    error = 'free-run error' if result.horizon is None else (
+        f'error over {_short(result.horizon)} s')
     falls = (f'the {error} on data it was not fitted to falls from {_short(test[0])} to '
              f'{_short(test[1])}{unit}')
     if result.verdict == 'nothing_missing':

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy import signal
 
-from hydro_twin.effects import EFFECTS
+from hydro_twin.effects import EFFECTS, Span
 from hydro_twin.model import place
 from hydro_twin.plants import PLANTS
 from hydro_twin.predictors.system import assemble
@@ -135,3 +135,10 @@ def test_a_time_constant_that_vanishes_leaves_the_plant(port, substeps):
     assert off(1e-6) < 1e-4
     assert off(1e-12) < 1e-9
     assert off(1e-3) > 1e-2
+
+
+@pytest.mark.parametrize('effect', [e for e in DYNAMIC if e.id == 'mode'], ids=lambda e: e.kinds)
+def test_a_mode_above_half_of_the_sampling_rate_is_none_that_a_recording_shows(effect):
+    reach = Span(((-1.0, 1.0),), {}, {}, (-1.0, 1.0), 0.002, 10)
+    assert effect.distinguishable(reach, (240.0, 0.1))
+    assert not effect.distinguishable(reach, (260.0, 0.1))

@@ -41,6 +41,19 @@ def test_a_part_that_begins_in_motion_starts_in_motion(effects, velocity):
     assert residuals(candidate, [part])[0] == pytest.approx(0.0, abs=0.01 * np.ptp(part.measured))
 
 
+def test_a_part_whose_first_samples_turn_back_starts_where_it_did():
+    """Where friction turns, too, no small change of the velocity tells anything."""
+    plant = plant_named('positioning')
+    model = Model(plant, {'M': 1.0, 'F_v': 3.0}, 1e-3,
+                  (place('friction', 'motor', {'coulomb': 20.0}, plant),), substeps=4)
+    time = 1e-3 * np.arange(300)
+    inputs = (60.0 * np.sin(2.0 * np.pi * 3.0 * time + 3.0) - 25.0)[:, None]
+    measured = model.system.run(inputs, np.array([1.1, 0.1]))
+    assert 10 < np.argmax(measured) < model.start_up
+    start = initial_states(model, [Part(inputs, measured)])
+    assert start.x[0] == pytest.approx([1.1, 0.1], rel=1e-6)
+
+
 def test_what_sticks_starts_at_rest_whatever_the_noise():
     candidate = axis(('friction', 'motor', {'coulomb': 80.0}))
     part = run_from(candidate, [0.0, 0.2])
