@@ -328,9 +328,11 @@ class Problem:
             return np.vstack([-last(coordinates).slopes, self.pull_slopes(coordinates)])
 
         try:
-            found = least_squares(residual, here.coordinates, jac=jacobian, bounds=(lower, upper),
-                                  method='trf', x_scale=1.0, max_nfev=evaluations, ftol=tolerance,
-                                  xtol=1e-8, gtol=1e-12)
+            # Where the trust region has shrunk to next to nothing, scipy's step overflows.
+            with np.errstate(over='ignore'):
+                found = least_squares(
+                    residual, here.coordinates, jac=jacobian, bounds=(lower, upper), method='trf',
+                    x_scale=1.0, max_nfev=evaluations, ftol=tolerance, xtol=1e-8, gtol=1e-12)
         except _StalledError:
             return replace(best, reason=CONVERGED)
         return replace(best, reason=CONVERGED if found.status > 0 else 'evaluations')
