@@ -5,10 +5,10 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from hydro_twin.arrays import FloatArray
+from hydro_twin.arrays import FloatArray, IntArray
 from hydro_twin.fitting.beginnings import Beginnings, find_starts
 from hydro_twin.fitting.parts import edges_of, Part
-from hydro_twin.fitting.start import Starts, without_starts
+from hydro_twin.fitting.start import Eliminated, eliminated, Starts, without_starts
 from hydro_twin.model import Model
 from hydro_twin.predictors.scores import rms
 from hydro_twin.predictors.sensitivities import run_parts_with_slopes
@@ -97,17 +97,23 @@ def fitted_residuals(model: Model, parts: Sequence[Part]) -> list[FloatArray]:
 
     See `without_starts`. What is not fitted has only its first samples to go by.
     """
-    starts = initial_states(model, parts)
-    edges = edges_of(len(part.measured) for part in parts)
     tangents = tangents_of(model.system, lambda _: NONE)
-    y, slopes = run_parts_with_slopes(
-        model.system, NONE, tangents, np.concatenate([part.inputs for part in parts]), edges,
-        starts.x, starts.z, [part.start for part in parts])
-    ran, by_start = (np.split(some[:, 0], edges[1:-1]) for some in (y, slopes))
-    return _left(model, [part.whitened(part.measured - one)
-                         for part, one in zip(parts, ran, strict=True)],
-                 [part.whitened(one) for part, one in zip(parts, by_start, strict=True)],
-                 starts.room)
+
+    def run_from(which: IntArray, starts: Starts, weights: FloatArray | None) -> Eliminated:
+        some = [parts[k] for k in which]
+        edges = edges_of(len(part.measured) for part in some)
+        y, slopes = run_parts_with_slopes(
+            model.system, NONE, tangents, np.concatenate([part.inputs for part in some]), edges,
+            starts.x, starts.z, [part.start for part in some])
+        ran, by_start = (np.split(one[:, 0], edges[1:-1]) for one in (y, slopes))
+        return _without_starts(model, [part.whitened(part.measured - one)
+                                       for part, one in zip(some, ran, strict=True)],
+                               [part.whitened(one)
+                                for part, one in zip(some, by_start, strict=True)],
+                               weights, starts.room)
+
+    left, _ = eliminated(run_from, initial_states(model, parts))
+    return np.split(left.residual, left.edges[1:-1])
 
 
 def residuals_from(model: Model, parts: Sequence[Part], states: FloatArray) -> list[FloatArray]:
@@ -122,15 +128,17 @@ def residuals_from(model: Model, parts: Sequence[Part], states: FloatArray) -> l
         states: at the start of each, (P, n).
     """
     response = model.system.free_response(max(len(part.measured) for part in parts))
-    return _left(model, _missed(model, parts, states),
-                 [part.whitened(response[:len(part.measured)]) for part in parts])
-
-
-def _left(model: Model, missed: Sequence[FloatArray], by_start: Sequence[FloatArray],
-          room: FloatArray | None = None) -> list[FloatArray]:
-    """Eliminate the states at the starts of parts, and return what is left of each."""
-    edges = edges_of(map(len, missed))
-    left = without_starts(
-        np.concatenate(missed), np.concatenate(by_start), usual_response(model),
-        np.column_stack([edges[:-1], edges[:-1] + model.start_up, edges[1:]]), room=room)
+    left = _without_starts(model, _missed(model, parts, states),
+                           [part.whitened(response[:len(part.measured)]) for part in parts])
     return np.split(left.residual, left.edges[1:-1])
+
+
+def _without_starts(model: Model, missed: Sequence[FloatArray], by_start: Sequence[FloatArray],
+                    weights: FloatArray | None = None, room: FloatArray | None = None
+                    ) -> Eliminated:
+    """Eliminate the states at the starts of parts, see `without_starts`."""
+    edges = edges_of(map(len, missed))
+    return without_starts(
+        np.concatenate(missed), np.concatenate(by_start), usual_response(model),
+        np.column_stack([edges[:-1], edges[:-1] + model.start_up, edges[1:]]),
+        weights=weights, room=room)

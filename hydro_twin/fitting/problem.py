@@ -15,7 +15,7 @@ from hydro_twin.fitting.fit import Fit
 from hydro_twin.fitting.output_error import initial_states, usual_response
 from hydro_twin.fitting.outputs import Layout, Pieces, sensors_in, Stack
 from hydro_twin.fitting.parts import Part
-from hydro_twin.fitting.start import Eliminated, Starts, without_starts
+from hydro_twin.fitting.start import Eliminated, eliminated, Starts, without_starts
 from hydro_twin.fitting.unknowns import coordinates_of, get, put, Unknown, usual
 from hydro_twin.model import Model
 from hydro_twin.parallel import in_processes
@@ -30,8 +30,6 @@ REWEIGHTED = 2          # further searches with new weights; they settle after o
 REBALANCED = 8          # and of sensors with new scales
 SAME_SCALE = 0.02       # change of the logarithm of a scale that hardly moves the fit
 SAME_WEIGHT = 2.0       # ratio of two weights that give nearly the same start
-AS_GOOD = 1.02          # RMS from a moved start over what elimination promised: it was right
-SMALL = 0.1             # of the residual: a start that takes off less hardly turns the slopes
 MOST = 1e3              # movements of the output: what a run that diverged misses
 REACH = 1.0             # of a coordinate in one step: a factor of e
 PATIENCE = 5            # evaluations: the radius has shrunk a thousandfold, and no step is better
@@ -196,20 +194,8 @@ class Problem:
                                   rows[:, np.argsort(order)], weights, starts.room)
 
         starts = initial_states(candidate, self.parts, near, self.beginnings)
-        runs = run_from(np.arange(len(self.parts)), starts, weights)
-        slopes = runs.slopes
-        moved = np.flatnonzero(runs.taken > SMALL * runs.errors)
-        if len(moved):
-            # The derivatives belong to runs from where elimination moves the starts.
-            there = starts.at(moved).moved(runs.change[moved])
-            again = run_from(moved, there, runs.weights[moved])
-            finite = np.minimum.reduceat(np.isfinite(again.slopes).all(axis=1), again.edges[:-1])
-            better = finite & (again.errors < AS_GOOD * runs.errors[moved])
-            for j in np.flatnonzero(finite):
-                begin, end = runs.edges[moved[j]:moved[j] + 2]
-                slopes[begin:end] = again.slopes[again.edges[j]:again.edges[j + 1]]
-            starts = starts.with_others(moved[better], there.at(np.flatnonzero(better)))
-        return Evaluation(coordinates, runs.residual, slopes, runs.weights, scales,
+        runs, starts = eliminated(run_from, starts, weights)
+        return Evaluation(coordinates, runs.residual, runs.slopes, runs.weights, scales,
                           self.pull(coordinates), starts)
 
     def missed(self, layout: Layout, parts: IntArray, y: FloatArray, slopes: FloatArray,

@@ -1,6 +1,7 @@
 """The states at which runs over parts start, as the samples measured show them."""
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from typing import NamedTuple
 
@@ -11,6 +12,8 @@ from hydro_twin.compiled import compiled
 from hydro_twin.fitting.parts import edges_of
 
 HIDDEN = 1e-6           # of the response that a state has by the linear laws: none
+SMALL = 0.1             # of the residual: a start that takes off less hardly turns the slopes
+AS_GOOD = 1.02          # RMS from a moved start over what elimination promised: it was right
 
 
 @dataclass(frozen=True)
@@ -72,6 +75,9 @@ class Eliminated(NamedTuple):
     taken: FloatArray
     errors: FloatArray
     weights: FloatArray
+
+
+RunFrom = Callable[[IntArray, Starts, FloatArray | None], Eliminated]
 
 
 def without_starts(missed: FloatArray, by_start: FloatArray, usual: FloatArray, parts: IntArray,
@@ -136,6 +142,39 @@ def without_starts(missed: FloatArray, by_start: FloatArray, usual: FloatArray, 
     return Eliminated(left[:, 0], left[:, 1:], edges, moves[:, :, 0],
                       rms_of_each(scored - left[:, 0], edges), rms_of_each(left[:, 0], edges),
                       weights)
+
+
+def eliminated(run_from: RunFrom, starts: Starts, weights: FloatArray | None = None
+               ) -> tuple[Eliminated, Starts]:
+    """Run over all parts and eliminate the states at their starts, twice where they move far.
+
+    The derivatives belong to the runs: where elimination moves the start of one by much, it runs
+    again from there, and what is left then counts, if it is no more than promised. So a mass that
+    begins near an unstable equilibrium follows the way that it took.
+
+    Args:
+        run_from: runs over some parts from their starts, and eliminates these.
+        starts: of all parts.
+        weights: of the first samples, if they are to be kept.
+
+    Returns:
+        What is left, and the starts, as far as the first step moved them.
+    """
+    runs = run_from(np.arange(len(starts)), starts, weights)
+    moved = np.flatnonzero(runs.taken > SMALL * runs.errors)
+    if not len(moved):
+        return runs, starts
+    there = starts.at(moved).moved(runs.change[moved])
+    again = run_from(moved, there, runs.weights[moved])
+    finite = np.minimum.reduceat(np.isfinite(again.slopes).all(axis=1), again.edges[:-1])
+    better = finite & (again.errors < AS_GOOD * runs.errors[moved])
+    for j in np.flatnonzero(finite):
+        here = slice(*runs.edges[moved[j]:moved[j] + 2])
+        after = slice(*again.edges[j:j + 2])
+        runs.slopes[here] = again.slopes[after]
+        if better[j]:
+            runs.residual[here] = again.residual[after]
+    return runs, starts.with_others(moved[better], there.at(np.flatnonzero(better)))
 
 
 def _weights(begins: FloatArray, goes_on: FloatArray) -> FloatArray:

@@ -9,7 +9,7 @@ import pytest
 from hydro_twin.fitting.output_error import initial_states, residuals
 from hydro_twin.fitting.parts import Part, parts_of
 from hydro_twin.fitting.problem import Problem
-from hydro_twin.fitting.start import without_starts
+from hydro_twin.fitting.start import eliminated, Starts, without_starts
 from hydro_twin.fitting.unknowns import effect_unknowns, plant_unknowns
 from hydro_twin.model import Model, place
 from hydro_twin.plants import plant_named
@@ -182,3 +182,34 @@ def test_a_narrow_hysteresis_is_no_drift_of_a_valve_at_rest():
     linear = Problem(replace(begun, effects=()), plant_unknowns(plant, 'physical'), parts).solve()
     unknowns = [*plant_unknowns(plant, 'physical'), *effect_unknowns(0, begun.effects[0])]
     assert Problem(begun, unknowns, parts).solve().error > 0.8 * linear.error
+
+
+def test_a_start_that_is_moved_far_is_eliminated_once_more_from_there():
+    """Of y = sin(t + x), in which no single linear step finds the phase."""
+    time = np.linspace(0.0, 10.0, 400)
+    measured = np.sin(time + 1.3)
+
+    def run_from(parts, starts, weights):
+        phase = time + starts.x[0, 0]
+        return without_starts(measured - np.sin(phase), np.cos(phase)[:, None], np.ones(1),
+                              np.array([[0, 20, 400]]), np.sin(phase)[:, None], weights)
+
+    begun = Starts(np.array([[1.0]]), np.empty((1, 0)), np.empty((1, 0, 2)), np.ones(1))
+    once = run_from(np.arange(1), begun, None)
+    left, moved = eliminated(run_from, begun)
+    assert rms(left.residual) < 0.05 * rms(once.residual)
+    assert moved.x[0, 0] == pytest.approx(1.3, abs=0.05)
+    np.testing.assert_array_equal(left.residual, run_from(np.arange(1), moved, left.weights)[0])
+
+
+def test_a_start_that_no_linear_step_explains_stays_where_it_was():
+    """Where a second run misses more than promised, the first counts."""
+    def run_from(parts, starts, weights):
+        missed = np.where(starts.x[0, 0] == 0.0, np.linspace(1.0, 2.0, 100),
+                          np.random.default_rng(0).standard_normal(100) * 9.0)
+        return without_starts(missed, np.ones((100, 1)), np.ones(1), np.array([[0, 20, 100]]))
+
+    begun = Starts(np.zeros((1, 1)), np.empty((1, 0)), np.empty((1, 0, 2)), np.ones(1))
+    left, moved = eliminated(run_from, begun)
+    np.testing.assert_array_equal(left.residual, run_from(np.arange(1), begun, None).residual)
+    assert moved.x[0, 0] == 0.0
