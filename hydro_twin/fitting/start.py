@@ -14,6 +14,7 @@ from hydro_twin.fitting.parts import edges_of
 HIDDEN = 1e-6           # of the response that a state has by the linear laws: none
 SMALL = 0.1             # of the residual: a start that takes off less hardly turns the slopes
 AS_GOOD = 1.02          # RMS from a moved start over what elimination promised: it was right
+AGAIN = 4               # most runs from moved starts: each squares the error of a start
 
 
 @dataclass(frozen=True)
@@ -146,11 +147,12 @@ def without_starts(missed: FloatArray, by_start: FloatArray, usual: FloatArray, 
 
 def eliminated(run_from: RunFrom, starts: Starts, weights: FloatArray | None = None
                ) -> tuple[Eliminated, Starts]:
-    """Run over all parts and eliminate the states at their starts, twice where they move far.
+    """Run over all parts and eliminate the states at their starts, again where they move far.
 
     The derivatives belong to the runs: where elimination moves the start of one by much, it runs
-    again from there, and what is left then counts, if it is no more than promised. So a mass that
-    begins near an unstable equilibrium follows the way that it took.
+    again from there, and what is left then counts, if it is no more than promised, and so on, up
+    to `AGAIN` times. So a mass that begins near an unstable equilibrium follows the way that it
+    took.
 
     Args:
         run_from: runs over some parts from their starts, and eliminates these.
@@ -158,23 +160,29 @@ def eliminated(run_from: RunFrom, starts: Starts, weights: FloatArray | None = N
         weights: of the first samples, if they are to be kept.
 
     Returns:
-        What is left, and the starts, as far as the first step moved them.
+        What is left, and the starts of the last runs.
     """
     runs = run_from(np.arange(len(starts)), starts, weights)
-    moved = np.flatnonzero(runs.taken > SMALL * runs.errors)
-    if not len(moved):
-        return runs, starts
-    there = starts.at(moved).moved(runs.change[moved])
-    again = run_from(moved, there, runs.weights[moved])
-    finite = np.minimum.reduceat(np.isfinite(again.slopes).all(axis=1), again.edges[:-1])
-    better = finite & (again.errors < AS_GOOD * runs.errors[moved])
-    for j in np.flatnonzero(finite):
-        here = slice(*runs.edges[moved[j]:moved[j] + 2])
-        after = slice(*again.edges[j:j + 2])
-        runs.slopes[here] = again.slopes[after]
-        if better[j]:
-            runs.residual[here] = again.residual[after]
-    return runs, starts.with_others(moved[better], there.at(np.flatnonzero(better)))
+    left = np.arange(len(starts))
+    for _ in range(AGAIN):
+        left = left[runs.taken[left] > SMALL * runs.errors[left]]
+        if not len(left):
+            break
+        there = starts.at(left).moved(runs.change[left])
+        again = run_from(left, there, runs.weights[left])
+        finite = np.minimum.reduceat(np.isfinite(again.slopes).all(axis=1), again.edges[:-1])
+        better = finite & (again.errors < AS_GOOD * runs.errors[left])
+        for j in np.flatnonzero(finite):
+            here, after = slice(*runs.edges[left[j]:left[j] + 2]), slice(*again.edges[j:j + 2])
+            runs.slopes[here] = again.slopes[after]
+            if better[j]:
+                runs.residual[here] = again.residual[after]
+        left = left[better]
+        for now, then in ((runs.change, again.change), (runs.taken, again.taken),
+                          (runs.errors, again.errors)):
+            now[left] = then[better]
+        starts = starts.with_others(left, there.at(np.flatnonzero(better)))
+    return runs, starts
 
 
 def _weights(begins: FloatArray, goes_on: FloatArray) -> FloatArray:
