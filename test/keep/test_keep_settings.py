@@ -19,7 +19,7 @@ def test_the_page_and_the_help_have_them_all():
     table = PAGE.partition('## Parameters')[2].partition('\n**')[0]
     rows = {name: default for names, default in re.findall(r'^\| (`.*?) \| (.*?) \|', table, re.M)
             for name in re.findall(r'`(\w+)`', names)}
-    assert rows.keys() == {setting.name for setting in SETTINGS} - {'plant'}
+    assert rows.keys() == {setting.name for setting in SETTINGS}
     for setting in SETTINGS:
         assert f'  {setting.name}\n' in overview()
         if setting.name in rows and setting.default not in ('', ('',)):
