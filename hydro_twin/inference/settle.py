@@ -169,11 +169,16 @@ def _unrefuted(chain: Chain, k: int, without: Fit, context: Context) -> Chain | 
     found = chain.findings[k]
     for tries, ((_, distance), fit) in enumerate(_close_rivals(chain, k, context), 1):
         if proof(without, fit, context.held_out, context.seed).low > 0.0:
-            instead = replace(
-                finding(without, fit, (), found.index),
-                rivals=tuple((placed, d - distance) for placed, d in found.rivals[tries:]))
-            return Chain(fit, (*chain.findings[:k], instead, *chain.findings[k + 1:]))
+            return _instead(chain, k, fit, without,
+                            [(placed, d - distance) for placed, d in found.rivals[tries:]])
     return None
+
+
+def _instead(chain: Chain, k: int, fit: Fit, without: Fit,
+             rivals: Sequence[tuple[Placed, float]]) -> Chain:
+    """Take a fit with a rival in the place of an effect; the fit without either is at hand."""
+    found = replace(finding(without, fit, (), chain.findings[k].index), rivals=tuple(rivals))
+    return Chain(fit, (*chain.findings[:k], found, *chain.findings[k + 1:]))
 
 
 def _without_refuted(chain: Chain, context: Context) -> Chain:
@@ -181,16 +186,23 @@ def _without_refuted(chain: Chain, context: Context) -> Chain:
 
     A stop and a limit behind which the state winds up differ only in how they are left, which the
     training data may not show. An offset here or there differs by a ten-thousandth, which may be
-    sure and says nothing.
+    sure and says nothing. Where the effect itself is refuted by a rival, that takes its place.
     """
     if not chain.findings:
         return chain
     after, kept = residuals(chain.fit, context.held_out), []
     least = CLEARLY / effective_samples(after)
     for k, found in enumerate(chain.findings):
-        refuted = [rival for rival, fit in _close_rivals(chain, k, context)
-                   if surer_improvement(residuals(fit, context.held_out), after,
-                                        context.seed).low > least]
+        refuted = []
+        for rival, fit in _close_rivals(chain, k, context):
+            left = residuals(fit, context.held_out)
+            if surer_improvement(left, after, context.seed).low > least:
+                refuted.append(rival)
+            elif surer_improvement(after, left, context.seed).low > least:
+                (without,) = context.without(chain.fit, [found.index])
+                others = sorted(((placed, abs(d - rival[1])) for placed, d in found.rivals
+                                 if placed != rival[0]), key=lambda one: one[1])
+                return _without_refuted(_instead(chain, k, fit, without, others), context)
         kept.append(replace(found, rivals=tuple(
             rival for rival in found.rivals if rival not in refuted)))
     return replace(chain, findings=tuple(kept))
