@@ -16,12 +16,15 @@ def traced(seed, effect):
 
 
 @pytest.mark.measured
-def test_flow_that_saturates_softly_is_a_curve_and_no_orifice():
+def test_flow_that_saturates_softly_is_a_soft_limit_of_the_opening_and_no_orifice():
+    """Q / (1 + e |Q|) goes with the opening alone, and so does a limit of that."""
     found = traced(6060, 'soft_flow')
-    assert found.findings == ()
-    placed = found.found.placed
-    assert (placed.port.name, placed.effect.reads) == ('flow', ('opening',))
-    assert found.found.fit.error < 1.1 * found.floor
+    (finding,) = found.findings
+    (placed,) = found.after.candidate.effects
+    assert (placed.effect.id, placed.port.name) == ('saturation', 'spool')
+    assert placed.named['softness'] > 0.1
+    assert found.after.error < 1.1 * found.floor
+    assert min(d for rival, d in finding.rivals if rival.effect.id == 'orifice') > 10.0
 
 
 def test_flow_that_rises_progressively_is_a_curve_and_no_dead_zone():
