@@ -3,6 +3,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
+from functools import partial
 import math
 
 import numpy as np
@@ -57,9 +58,7 @@ def fit_linear(plant: Plant, parts: Sequence[Part], constants: Mapping[str, floa
         for _ in range(DRAWS)]
     some = [min(parts, key=lambda part: len(part.measured))] if len(parts) > FEW else parts
 
-    def error(candidate: Model) -> float:
-        return free_run_error(candidate, some)
-
+    error = partial(free_run_error, parts=some)
     by_one_step = [replace(base, values={**base.values, **values})
                    for values in one_step_values(plant, parts, constants, sample_time, seed)]
     tried = [base, *sorted(draws, key=error)[:starts - 1], *sorted(by_one_step, key=error)[:1]]

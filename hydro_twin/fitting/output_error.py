@@ -8,7 +8,7 @@ import numpy as np
 from hydro_twin.arrays import FloatArray, IntArray
 from hydro_twin.fitting.beginnings import Beginnings, find_starts
 from hydro_twin.fitting.parts import edges_of, Part
-from hydro_twin.fitting.start import Eliminated, eliminated, Starts, without_starts
+from hydro_twin.fitting.start import eliminate_starts, Eliminated, Starts, without_starts
 from hydro_twin.model import Model
 from hydro_twin.predictors.scores import rms
 from hydro_twin.predictors.sensitivities import run_parts_with_slopes
@@ -112,7 +112,7 @@ def fitted_residuals(model: Model, parts: Sequence[Part]) -> list[FloatArray]:
                                 for part, one in zip(some, by_start, strict=True)],
                                weights, starts.room)
 
-    left, _ = eliminated(run_from, initial_states(model, parts))
+    left, _ = eliminate_starts(run_from, initial_states(model, parts))
     return np.split(left.residual, left.edges[1:-1])
 
 

@@ -20,7 +20,7 @@ RIDGES = (1e-5, 1e-3, 1e-1)     # of which the best is taken, and counted as thr
 LAGS = (0.005, 0.025)    # [s]
 PREDICTED = 0.05        # p-value below which the port signals predict the residual
 UNBOUNDED = 1e100       # of a column, whose squares would overflow
-SMALL = 0.03            # singular value over the largest: what weighs less than noise does
+SMALL = 0.03            # singular value over the largest, below which a direction is left out
 
 
 def predicted_by_ports(fit: Fit, parts: Sequence[Part]) -> tuple[float, float]:

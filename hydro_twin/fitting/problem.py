@@ -15,7 +15,7 @@ from hydro_twin.fitting.fit import Fit
 from hydro_twin.fitting.output_error import initial_states, usual_response
 from hydro_twin.fitting.outputs import Layout, Pieces, sensors_in, Stack
 from hydro_twin.fitting.parts import Part
-from hydro_twin.fitting.start import Eliminated, eliminated, Starts, without_starts
+from hydro_twin.fitting.start import eliminate_starts, Eliminated, Starts, without_starts
 from hydro_twin.fitting.unknowns import coordinates_of, get, put, Unknown, usual
 from hydro_twin.model import Model
 from hydro_twin.parallel import in_processes
@@ -194,7 +194,7 @@ class Problem:
                                   rows[:, np.argsort(order)], weights, starts.room)
 
         starts = initial_states(candidate, self.parts, near, self.beginnings)
-        runs, starts = eliminated(run_from, starts, weights)
+        runs, starts = eliminate_starts(run_from, starts, weights)
         return Evaluation(coordinates, runs.residual, runs.slopes, runs.weights, scales,
                           self.pull(coordinates), starts)
 

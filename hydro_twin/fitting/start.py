@@ -145,8 +145,8 @@ def without_starts(missed: FloatArray, by_start: FloatArray, usual: FloatArray, 
                       weights)
 
 
-def eliminated(run_from: RunFrom, starts: Starts, weights: FloatArray | None = None
-               ) -> tuple[Eliminated, Starts]:
+def eliminate_starts(run_from: RunFrom, starts: Starts, weights: FloatArray | None = None
+                     ) -> tuple[Eliminated, Starts]:
     """Run over all parts and eliminate the states at their starts, again where they move far.
 
     The derivatives belong to the runs: where elimination moves the start of one by much, it runs

@@ -24,9 +24,9 @@ SPELLS = 20             # fewer do not tell what is seldom
 def noise_floor(stretches: Sequence[FloatArray]) -> float:
     """Estimate the RMS of the noise from the upper third of the residual's spectrum.
 
-    There the plants pass next to nothing on; what is there is noise, taken as white down to
-    zero. Where the noise is coloured this is not its whole RMS. Less than a
-    billionth of the residual is rounding.
+    There the plants pass next to nothing on; what is there is noise, taken as white down to zero.
+    Where the noise is coloured this is not its whole RMS. Less than a billionth of the residual is
+    rounding.
     """
     levels, weights = [], []
     for r in stretches:

@@ -169,15 +169,24 @@ def _unrefuted(chain: Chain, k: int, without: Fit, context: Context) -> Chain | 
     found = chain.findings[k]
     for tries, ((_, distance), fit) in enumerate(_close_rivals(chain, k, context), 1):
         if proof(without, fit, context.held_out, context.seed).low > 0.0:
-            return _instead(chain, k, fit, without,
-                            [(placed, d - distance) for placed, d in found.rivals[tries:]])
+            return _instead(chain, k, fit, without, distance, found.rivals[tries:])
     return None
 
 
-def _instead(chain: Chain, k: int, fit: Fit, without: Fit,
+def _instead(chain: Chain, k: int, fit: Fit, without: Fit, distance: float,
              rivals: Sequence[tuple[Placed, float]]) -> Chain:
-    """Take a fit with a rival in the place of an effect; the fit without either is at hand."""
-    found = replace(finding(without, fit, (), chain.findings[k].index), rivals=tuple(rivals))
+    """Take a rival in the place of an effect.
+
+    Args:
+        chain: a model that has grown.
+        k: which of its findings gives way.
+        fit: with the rival.
+        without: the fit without either.
+        distance: of the rival from the effect.
+        rivals: those that are left, with their distances from the effect.
+    """
+    others = sorted(((placed, abs(d - distance)) for placed, d in rivals), key=lambda one: one[1])
+    found = replace(finding(without, fit, (), chain.findings[k].index), rivals=tuple(others))
     return Chain(fit, (*chain.findings[:k], found, *chain.findings[k + 1:]))
 
 
@@ -200,9 +209,9 @@ def _without_refuted(chain: Chain, context: Context) -> Chain:
                 refuted.append(rival)
             elif surer_improvement(after, left, context.seed).low > least:
                 (without,) = context.without(chain.fit, [found.index])
-                others = sorted(((placed, abs(d - rival[1])) for placed, d in found.rivals
-                                 if placed != rival[0]), key=lambda one: one[1])
-                return _without_refuted(_instead(chain, k, fit, without, others), context)
+                others = [one for one in found.rivals if one != rival]
+                instead = _instead(chain, k, fit, without, rival[1], others)
+                return _without_refuted(instead, context)
         kept.append(replace(found, rivals=tuple(
             rival for rival in found.rivals if rival not in refuted)))
     return replace(chain, findings=tuple(kept))

@@ -9,7 +9,7 @@ import pytest
 from hydro_twin.fitting.output_error import initial_states, residuals
 from hydro_twin.fitting.parts import Part, parts_of
 from hydro_twin.fitting.problem import Problem
-from hydro_twin.fitting.start import eliminated, Starts, without_starts
+from hydro_twin.fitting.start import eliminate_starts, Starts, without_starts
 from hydro_twin.fitting.unknowns import effect_unknowns, plant_unknowns
 from hydro_twin.model import Model, place
 from hydro_twin.plants import plant_named
@@ -196,7 +196,7 @@ def test_a_start_that_is_moved_far_is_eliminated_once_more_from_there():
 
     begun = Starts(np.array([[1.0]]), np.empty((1, 0)), np.empty((1, 0, 2)), np.ones(1))
     once = run_from(np.arange(1), begun, None)
-    left, moved = eliminated(run_from, begun)
+    left, moved = eliminate_starts(run_from, begun)
     assert rms(left.residual) < 0.05 * rms(once.residual)
     assert moved.x[0, 0] == pytest.approx(1.3, abs=0.05)
     np.testing.assert_array_equal(left.residual, run_from(np.arange(1), moved, left.weights)[0])
@@ -210,6 +210,6 @@ def test_a_start_that_no_linear_step_explains_stays_where_it_was():
         return without_starts(missed, np.ones((100, 1)), np.ones(1), np.array([[0, 20, 100]]))
 
     begun = Starts(np.zeros((1, 1)), np.empty((1, 0)), np.empty((1, 0, 2)), np.ones(1))
-    left, moved = eliminated(run_from, begun)
+    left, moved = eliminate_starts(run_from, begun)
     np.testing.assert_array_equal(left.residual, run_from(np.arange(1), begun, None).residual)
     assert moved.x[0, 0] == 0.0

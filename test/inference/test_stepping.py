@@ -1,4 +1,4 @@
-"""The error of the time steps is told from what a law may still explain."""
+"""The error of the time steps is distinguished from what a law may still explain."""
 from __future__ import annotations
 
 from dataclasses import replace
