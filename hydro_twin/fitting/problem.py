@@ -194,7 +194,7 @@ class Problem:
                                   rows[:, np.argsort(order)], weights, starts.room)
 
         starts = initial_states(candidate, self.parts, near, self.beginnings)
-        runs, starts = eliminate_starts(run_from, starts, weights)
+        runs, starts = eliminate_starts(run_from, starts, weights, in_search=True)
         return Evaluation(coordinates, runs.residual, runs.slopes, runs.weights, scales,
                           self.pull(coordinates), starts)
 

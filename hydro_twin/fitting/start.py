@@ -145,8 +145,8 @@ def without_starts(missed: FloatArray, by_start: FloatArray, usual: FloatArray, 
                       weights)
 
 
-def eliminate_starts(run_from: RunFrom, starts: Starts, weights: FloatArray | None = None
-                     ) -> tuple[Eliminated, Starts]:
+def eliminate_starts(run_from: RunFrom, starts: Starts, weights: FloatArray | None = None,
+                     in_search: bool = False) -> tuple[Eliminated, Starts]:
     """Run over all parts and eliminate the states at their starts, again where they move far.
 
     The derivatives belong to the runs: where elimination moves the start of one by much, it runs
@@ -154,17 +154,22 @@ def eliminate_starts(run_from: RunFrom, starts: Starts, weights: FloatArray | No
     to `AGAIN` times. So a mass that begins near an unstable equilibrium follows the way that it
     took.
 
+    In a search it runs again once, for the derivatives and for the starts of the next evaluation,
+    and what is left stays as promised: where it were now the one and now the other, no descent
+    would lead through the sum of squares.
+
     Args:
         run_from: runs over some parts from their starts, and eliminates these.
         starts: of all parts.
         weights: of the first samples, if they are to be kept.
+        in_search: whether it is an evaluation of a search.
 
     Returns:
         What is left, and the starts of the last runs.
     """
     runs = run_from(np.arange(len(starts)), starts, weights)
     left = np.arange(len(starts))
-    for _ in range(AGAIN):
+    for _ in range(1 if in_search else AGAIN):
         left = left[runs.taken[left] > SMALL * runs.errors[left]]
         if not len(left):
             break
@@ -175,7 +180,7 @@ def eliminate_starts(run_from: RunFrom, starts: Starts, weights: FloatArray | No
         for j in np.flatnonzero(finite):
             here, after = slice(*runs.edges[left[j]:left[j] + 2]), slice(*again.edges[j:j + 2])
             runs.slopes[here] = again.slopes[after]
-            if better[j]:
+            if better[j] and not in_search:
                 runs.residual[here] = again.residual[after]
         left = left[better]
         for now, then in ((runs.change, again.change), (runs.taken, again.taken),

@@ -174,19 +174,21 @@ class System:
         known = [sensor.name for sensor in self.plant.sensors]
         return np.array([self.step.sensors + known.index(name) for name in names], dtype=np.int64)
 
-    def run_each(self, inputs: FloatArray, which: IntArray, starts: FloatArray) -> FloatArray:
+    def run_each(self, inputs: FloatArray, which: IntArray, starts: FloatArray,
+                 samples: int | None = None) -> FloatArray:
         """Run freely from each of K starts, state and memory side by side, (K, n + memory).
 
         Args:
             inputs: of several parts, (P, N, m).
             which: the part that each start belongs to, (K,).
             starts: the states.
+            samples: how many to run over; None: all N.
 
         Returns:
-            The outputs, (K, N).
+            The outputs, (K, samples).
         """
         n = len(self.laws.A)
-        y = np.empty((len(starts), inputs.shape[1]))
+        y = np.empty((len(starts), inputs.shape[1] if samples is None else samples))
         kernel.run_each(self.step, starts[:, :n].copy(), starts[:, n:].copy(), self.work(), inputs,
                         which, y, np.empty((0, 0)))
         return y
