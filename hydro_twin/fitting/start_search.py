@@ -56,11 +56,11 @@ class StartSearch:
         self.columns = np.zeros((P, N, self.scale.shape[1]))
 
     def states(self) -> FloatArray:
-        """Search from rest, and where much is missed from elsewhere, too; returns (P, c).
+        """Search from rest, and where much is missed from other states, too; returns (P, c).
 
         Where a mass turns back, its friction does, too: no step leads there from a start from
-        which it turns elsewhere. Before that the search is easy. Where a gap may stand on either
-        side, a search ends at any; and what a play holds is zero in it.
+        which it turns at another time. Before that the search is easy. Where a gap may stand on
+        either side, a search ends at any; and what a play holds is zero in it.
         """
         if len(self.system.step.effects) == 0:
             self.set_out(self.every, self.lengths)

@@ -184,22 +184,34 @@ def test_a_narrow_hysteresis_is_no_drift_of_a_valve_at_rest():
     assert Problem(begun, unknowns, parts).solve().error > 0.8 * linear.error
 
 
-def test_a_start_that_is_moved_far_is_eliminated_once_more_from_there():
-    """Of y = sin(t + x), in which no single linear step finds the phase."""
+def run_sine(_parts, starts, weights):
+    """Run y = sin(t + x), measured with x = 1.3; no single linear step finds the phase."""
     time = np.linspace(0.0, 10.0, 400)
-    measured = np.sin(time + 1.3)
+    phase = time + starts.x[0, 0]
+    return without_starts(np.sin(time + 1.3) - np.sin(phase), np.cos(phase)[:, None], np.ones(1),
+                          np.array([[0, 20, 400]]), np.sin(phase)[:, None], weights)
 
-    def run_from(parts, starts, weights):
-        phase = time + starts.x[0, 0]
-        return without_starts(measured - np.sin(phase), np.cos(phase)[:, None], np.ones(1),
-                              np.array([[0, 20, 400]]), np.sin(phase)[:, None], weights)
 
-    begun = Starts(np.array([[1.0]]), np.empty((1, 0)), np.empty((1, 0, 2)), np.ones(1))
-    once = run_from(np.arange(1), begun, None)
-    left, moved = eliminate_starts(run_from, begun)
+SINE = Starts(np.array([[1.0]]), np.empty((1, 0)), np.empty((1, 0, 2)), np.ones(1))
+
+
+def test_a_start_that_is_moved_far_is_eliminated_once_more_from_there():
+    once = run_sine(np.arange(1), SINE, None)
+    left, moved = eliminate_starts(run_sine, SINE)
     assert rms(left.residual) < 0.05 * rms(once.residual)
     assert moved.x[0, 0] == pytest.approx(1.3, abs=0.05)
-    np.testing.assert_array_equal(left.residual, run_from(np.arange(1), moved, left.weights)[0])
+    np.testing.assert_array_equal(left.residual, run_sine(np.arange(1), moved, left.weights)[0])
+
+
+def test_in_a_search_the_residual_stays_what_elimination_promises():
+    """The derivatives and the start are those of a second run."""
+    promised = run_sine(np.arange(1), SINE, None)
+    left, moved = eliminate_starts(run_sine, SINE, in_search=True)
+    np.testing.assert_array_equal(left.residual, promised.residual)
+    assert moved.x[0, 0] == 1.0 + promised.change[0, 0]
+    again = run_sine(np.arange(1), moved, promised.weights)
+    np.testing.assert_array_equal(left.slopes, again.slopes)
+    assert not np.array_equal(again.residual, promised.residual)
 
 
 def test_a_start_that_no_linear_step_explains_stays_where_it_was():
