@@ -90,7 +90,7 @@ def simulation(fit: Problem) -> Any:
 
 
 def by_casadi(fit: Problem, run: Any) -> Any:
-    """Search the same unknowns with the same pull to the usual values."""
+    """Search the same unknowns with the same penalty."""
     part, = fit.parts
     begin = np.array([unknown.coordinate(fit.base.values[unknown.name])
                       for unknown in fit.unknowns])
@@ -106,12 +106,12 @@ def by_casadi(fit: Problem, run: Any) -> Any:
         return known[both.tobytes()]
 
     def residual(both: FloatArray) -> FloatArray:
-        return np.concatenate([part.measured - at(both)[0], fit.pull(both[:len(begin)])])
+        return np.concatenate([part.measured - at(both)[0], fit.penalty(both[:len(begin)])])
 
     def jacobian(both: FloatArray) -> FloatArray:
-        pull = np.hstack([fit.pull_slopes(both[:len(begin)]),
+        penalty = np.hstack([fit.penalty_jacobian(both[:len(begin)]),
                           np.zeros((2 * len(begin), PLANT.order))])
-        return np.vstack([-at(both)[1], pull])
+        return np.vstack([-at(both)[1], penalty])
 
     far = np.full(PLANT.order, np.inf)
     return least_squares(residual, np.concatenate([begin, start.x[0] / SCALE]), jacobian,

@@ -83,7 +83,7 @@ def by_scipy(fit: Problem) -> Any:
         y = fit.candidate(x[:len(begin)]).system.run(
             part.inputs, x[len(begin):] * scale, start.z[0])
         return np.concatenate([np.nan_to_num(part.measured - y, nan=1e3),
-                               fit.pull(x[:len(begin)])])
+                               fit.penalty(x[:len(begin)])])
 
     far = np.full(len(scale), np.inf)
     inside = np.clip(begin, lower + 1e-9, upper - 1e-9)

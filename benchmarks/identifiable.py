@@ -63,11 +63,11 @@ def errors(plant: Plant, values: Mapping[str, float], sensors: Sequence[str]
                       [part])
     at = np.array([u.coordinate(get(problem.base, u)) for u in problem.unknowns])
     scales = 1.0 / (NOISE * problem.pieces.sizes)
-    slopes = problem.at(at, weights=np.ones(1), scales=scales).slopes
+    jacobian = problem.at(at, weights=np.ones(1), scales=scales).jacobian
     if not sensors:
-        slopes = slopes * scales[0]             # one output has no scale
+        jacobian = jacobian * scales[0]             # one output has no scale
     names = [unknown.name for unknown in problem.unknowns]
-    _, singular, Vt = np.linalg.svd(np.linalg.qr(slopes)[1])
+    _, singular, Vt = np.linalg.svd(np.linalg.qr(jacobian)[1])
     known = singular > NULL * singular[0]
 
     def error(direction: FloatArray) -> float | None:

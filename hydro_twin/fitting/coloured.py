@@ -66,7 +66,7 @@ def as_measured(fit: Fit, parts: Sequence[Part]) -> Fit:
         fit: to whitened parts.
         parts: the same without filters.
     """
-    plain = Problem(fit.candidate, fit.unknowns, parts).as_it_is()
+    plain = Problem(fit.candidate, fit.unknowns, parts).unsearched()
     return replace(plain, whitened=(fit.residual, fit.jacobian))
 
 

@@ -23,7 +23,7 @@ class Fit:
         jacobian: its derivative by the coordinates of the unknowns, with the sign of a rise of
             the output, shape (N, d).
         lengths: scored samples of each piece of it, those of the output or of a sensor in a part.
-        pulled: what leaving the usual values costs, as a sum of squares.
+        penalty: what leaving the usual values costs, as a sum of squares.
         outputs: which output each piece is of: 0, or one more than the index of the sensor.
         sensors: names of those that were fitted.
         scales: by which the residual of output and sensors was multiplied, (1 + K,).
@@ -36,7 +36,7 @@ class Fit:
     residual: FloatArray
     jacobian: FloatArray
     lengths: tuple[int, ...]
-    pulled: float
+    penalty: float
     outputs: tuple[int, ...] = ()
     sensors: tuple[str, ...] = ()
     scales: FloatArray = field(default_factory=lambda: np.ones(1))
@@ -51,7 +51,7 @@ class Fit:
         rows, scale = np.repeat(own, self.lengths), self.scales[0]
         return replace(
             self, residual=self.residual[rows] / scale, jacobian=self.jacobian[rows] / scale,
-            lengths=tuple(np.array(self.lengths)[own].tolist()), pulled=self.pulled / scale**2,
+            lengths=tuple(np.array(self.lengths)[own].tolist()), penalty=self.penalty / scale**2,
             outputs=(), sensors=(), scales=np.ones(1), whitened=None)
 
     @property
@@ -78,7 +78,7 @@ class Fit:
     @property
     def cost(self) -> float:
         """Root mean square of the residual with what leaving the usual values costs."""
-        return math.sqrt((float(self.residual @ self.residual) + self.pulled)
+        return math.sqrt((float(self.residual @ self.residual) + self.penalty)
                          / max(len(self.residual), 1))
 
     @property

@@ -37,7 +37,7 @@ def given(fit: Fit, parts: Sequence[Part]) -> Mapping[str, tuple[str, ...]]:
     if not own or not alone:
         return {}
     problem = Problem(fit.candidate, [*fit.unknowns, *alone], parts)
-    moved = dict(zip(map(label, problem.unknowns), problem.as_it_is().jacobian.T, strict=True))
+    moved = dict(zip(map(label, problem.unknowns), problem.unsearched().jacobian.T, strict=True))
     effects = np.column_stack([moved[label(unknown)] for unknown in own])
     found: dict[str, tuple[str, ...]] = {}
     for combination in plant.combinations:

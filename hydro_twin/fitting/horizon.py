@@ -2,7 +2,7 @@
 
 Where a plant integrates, a free run of a whole series adds up every small error of the laws; where
 it forgets slowly, that of its start lasts. A window is as long as shows what the laws do, and
-begins at a state of its own, estimated from its samples as `without_starts` says.
+begins at a state of its own, estimated from its samples as `eliminate` says.
 """
 from __future__ import annotations
 

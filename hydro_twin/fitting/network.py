@@ -93,7 +93,7 @@ class Problem:
         return (other.regressors - self.shift) / self.scale, other.targets / self.output_scale
 
     def error(self, network: Network, other: Problem) -> FloatArray:
-        """Predict the targets of a problem; returns what is missed, in their unit, shape (N,)."""
+        """Predict the targets of a problem; returns the errors, in their unit, shape (N,)."""
         begins = np.cumsum([0, *other.lengths[:-1]])
         predicted = [network(rows) for rows in np.split(other.regressors, begins[1:])]
         return np.concatenate(predicted) - other.targets

@@ -183,8 +183,8 @@ class Pieces:
         every = np.repeat(self.outputs, self.lengths)
         return np.array([rms(residual[every == q]) / scale for q, scale in enumerate(scales)])
 
-    def balanced(self, residual: FloatArray, scales: FloatArray) -> FloatArray:
-        """Return the scales that the residual asks for, (1 + K,), from those that it has."""
+    def likely_scales(self, residual: FloatArray, scales: FloatArray) -> FloatArray:
+        """Return the scales of the greatest likelihood, (1 + K,), from those of the residual."""
         if len(scales) == 1:
             return scales
         counts = np.bincount(self.outputs, self.lengths, len(scales))

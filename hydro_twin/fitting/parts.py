@@ -44,9 +44,9 @@ class Part:
     travel: tuple[float, float] | None = None
     filters: tuple[FloatArray, ...] = ()
 
-    def whitened(self, missed: FloatArray) -> FloatArray:
-        """Filter what is missed of the output, (N, ...), by the filter of its noise."""
-        return filtered(self.filters[0], missed) if self.filters else missed
+    def whitened(self, columns: FloatArray) -> FloatArray:
+        """Filter a residual of the output, or its derivatives, (N, ...), to white noise."""
+        return filtered(self.filters[0], columns) if self.filters else columns
 
     def cut(self, first: int, last: int, sample_time: float) -> Part:
         """Take the samples from the first up to the last, which is not among them."""
@@ -55,8 +55,8 @@ class Part:
             start=self.start + first * round(1e9 * sample_time),
             sensors={name: column[first:last] for name, column in self.sensors.items()})
 
-    def beginning(self, start_up: int) -> int:
-        """How many samples show the state at the start: more where it hardly moves at first.
+    def first_samples(self, start_up: int) -> int:
+        """How many samples show the initial state: more where the output hardly moves at first.
 
         Within a gap, nothing tells where until a side is met.
 

@@ -10,12 +10,13 @@ import numpy as np
 from scipy.optimize import least_squares, lsq_linear
 
 from hydro_twin.arrays import FloatArray, IntArray
-from hydro_twin.fitting.beginnings import Beginnings
+from hydro_twin.fitting.elimination import eliminate, eliminate_with_reruns, Eliminated
+from hydro_twin.fitting.first_samples import FirstSamples
 from hydro_twin.fitting.fit import Fit
-from hydro_twin.fitting.output_error import initial_states, usual_response
+from hydro_twin.fitting.initial_states import InitialStates
+from hydro_twin.fitting.output_error import initial_states, linear_response
 from hydro_twin.fitting.outputs import Layout, Pieces, sensors_in, Stack
 from hydro_twin.fitting.parts import Part
-from hydro_twin.fitting.start import eliminate_starts, Eliminated, Starts, without_starts
 from hydro_twin.fitting.unknowns import coordinates_of, get, put, Unknown, usual
 from hydro_twin.model import Model
 from hydro_twin.parallel import in_processes
@@ -23,15 +24,15 @@ from hydro_twin.predictors.sensitivities import run_parts_with_slopes
 from hydro_twin.predictors.system import System
 from hydro_twin.predictors.tangents import Directions, tangents_of
 
-WALL = 3e-3             # weight of the search box, see `Problem`
-MIDDLE = 1e-4           # weight of its middle
+BOX = 3e-3              # weight of the search box, see `Problem`
+MIDDLE = 1e-4           # and of its middle
 INSIDE = 1e-9           # distance to a bound, relative
 REWEIGHTED = 2          # further searches with new weights; they settle after one, or hardly
-REBALANCED = 8          # and of sensors with new scales
+RESCALED = 8          # and of sensors with new scales
 SAME_SCALE = 0.02       # change of the logarithm of a scale that hardly moves the fit
 SAME_WEIGHT = 2.0       # ratio of two weights that give nearly the same start
-MOST = 1e3              # movements of the output: what a run that diverged misses
-REACH = 1.0             # of a coordinate in one step: a factor of e
+MOST = 1e3              # movements of the output: residual of a run that diverged
+LONGEST_STEP = 1.0      # of a coordinate, in one step: a factor of e
 PATIENCE = 5            # evaluations: the radius has shrunk a thousandfold, and no step is better
 CONVERGED = 'converged'
 
@@ -43,27 +44,27 @@ class Evaluation:
     Attributes:
         coordinates: of the unknowns, (d,).
         residual: of all parts, scored samples only, filtered where there are filters, (N,).
-        slopes: rise of the output by each coordinate, filtered as the residual, (N, d).
+        jacobian: derivatives of the output by the coordinates, filtered as the residual, (N, d).
         weights: of the first samples of each part.
         scales: of output and sensors, (1 + K,).
-        pulled: what leaving the usual values costs, to be squared, (2 d,).
-        starts: of the parts, as far as elimination may move them.
+        penalty: of the coordinates, to be squared, (2 d,).
+        initial: the initial states of the parts.
         reason: of stopping.
     """
 
     coordinates: FloatArray
     residual: FloatArray
-    slopes: FloatArray
+    jacobian: FloatArray
     weights: FloatArray
     scales: FloatArray
-    pulled: FloatArray
-    starts: Starts
+    penalty: FloatArray
+    initial: InitialStates
     reason: str = ''
 
     @property
-    def power(self) -> float:
-        """Sum of squares that a search lowers."""
-        return float(self.residual @ self.residual + self.pulled @ self.pulled)
+    def sum_of_squares(self) -> float:
+        """Sum of squares of residual and penalty, which a search lowers."""
+        return float(self.residual @ self.residual + self.penalty @ self.penalty)
 
 
 class _StalledError(Exception):
@@ -73,12 +74,12 @@ class _StalledError(Exception):
 class Problem:
     """The search for unknowns on parts, by the residual of the free run.
 
-    Where the data do not determine a direction, or an effect that is lacking bends the fit, it
+    Where the data do not determine a direction, or the lack of an effect biases the fit, a search
     would run off to values no rig has. So leaving the search box by a factor of e costs as much
-    as an error of 0.3 % of the output all over, and a still weaker pull keeps to its middle (to
-    the start, for effects).
+    as an error of 0.3 % of the output throughout, and a still weaker penalty keeps to its middle
+    (for effects, to where the search starts).
 
-    The states at the starts of the parts are unknowns, too, which are eliminated.
+    The initial states of the parts are unknowns, too, which are eliminated.
 
     Args:
         base: from where the search begins.
@@ -107,27 +108,27 @@ class Problem:
         return Layout.of(self.parts, self.stacks)
 
     @cached_property
-    def beginnings(self) -> Beginnings:
+    def first_samples(self) -> FirstSamples:
         """The first samples of the parts."""
-        return Beginnings.of(self.parts, self.base.start_up)
+        return FirstSamples.of(self.parts, self.base.start_up)
 
-    def pull(self, coordinates: FloatArray) -> FloatArray:
+    def penalty(self, coordinates: FloatArray) -> FloatArray:
         """Return what the coordinates cost by themselves, (2 d,), to be squared."""
         outside = np.maximum(np.maximum(coordinates - self.high, self.low - coordinates), 0.0)
         return self.size * np.concatenate([
-            self.wall * outside, MIDDLE * (coordinates - self.middle)])
+            self.box_weight * outside, MIDDLE * (coordinates - self.middle)])
 
     @property
-    def wall(self) -> float:
-        """Weight of the box."""
-        return WALL * math.sqrt(sum(self.lengths))
+    def box_weight(self) -> float:
+        """Weight of the search box."""
+        return BOX * math.sqrt(sum(self.lengths))
 
-    def pull_slopes(self, coordinates: FloatArray) -> FloatArray:
-        """Return the derivative of the pull by each coordinate, (2 d, d)."""
+    def penalty_jacobian(self, coordinates: FloatArray) -> FloatArray:
+        """Return the derivatives of the penalty by the coordinates, (2 d, d)."""
         beyond = np.sign(coordinates - np.clip(coordinates, self.low, self.high))
-        slopes: FloatArray = self.size * np.concatenate([
-            np.diag(self.wall * beyond), MIDDLE * np.eye(len(coordinates))])
-        return slopes
+        jacobian: FloatArray = self.size * np.concatenate([
+            np.diag(self.box_weight * beyond), MIDDLE * np.eye(len(coordinates))])
+        return jacobian
 
     def candidate(self, coordinates: FloatArray) -> Model:
         """Set the coordinates of the unknowns."""
@@ -169,40 +170,41 @@ class Problem:
         return by, order
 
     def at(self, coordinates: FloatArray, weights: FloatArray | None = None,
-           scales: FloatArray | None = None, near: Starts | None = None) -> Evaluation:
-        """Run over all parts, with derivatives; a run that diverged has a large, finite error.
+           scales: FloatArray | None = None, near: InitialStates | None = None) -> Evaluation:
+        """Run over all parts with derivatives; a run that diverged has a large, finite residual.
 
         Args:
             coordinates: of the unknowns, (d,).
             weights: of the first samples of each part, if they are to be kept.
             scales: of output and sensors; None: by how much each moves.
-            near: starts of the parts at other coordinates, which may do here.
+            near: initial states at other coordinates, which may do here.
         """
         candidate = self.candidate(coordinates)
-        system, usual = candidate.system, usual_response(candidate)
+        system, response = candidate.system, linear_response(candidate)
         by, order = self.directions(candidate, system)
         tangents = tangents_of(system, lambda stage: self.directions(candidate, stage)[0])
         scales = self.size / self.pieces.sizes if scales is None else scales
 
-        def run_from(parts: IntArray, starts: Starts, weights: FloatArray | None) -> Eliminated:
-            """Run over some parts, and eliminate the states at their starts."""
+        def run_from(parts: IntArray, initial: InitialStates, weights: FloatArray | None
+                     ) -> Eliminated:
+            """Run over some parts, and eliminate their initial states."""
             layout = self.layout.at(parts)
-            missed, rows = self.missed(layout, parts, *run_parts_with_slopes(
-                system, by, tangents, layout.inputs, layout.edges, starts.x, starts.z,
+            residual, rows = self.residual(layout, parts, *run_parts_with_slopes(
+                system, by, tangents, layout.inputs, layout.edges, initial.x, initial.z,
                 [self.parts[k].start for k in parts], self.sensors), scales)
-            return without_starts(missed, rows[:, by.count:], usual, layout.of_parts,
-                                  rows[:, np.argsort(order)], weights, starts.room)
+            return eliminate(residual, rows[:, by.count:], response, layout.of_parts,
+                             rows[:, np.argsort(order)], weights, initial.margins)
 
-        starts = initial_states(candidate, self.parts, near, self.beginnings)
-        runs, starts = eliminate_starts(run_from, starts, weights, in_search=True)
-        return Evaluation(coordinates, runs.residual, runs.slopes, runs.weights, scales,
-                          self.pull(coordinates), starts)
+        initial = initial_states(candidate, self.parts, near, self.first_samples)
+        runs, initial = eliminate_with_reruns(run_from, initial, weights, in_search=True)
+        return Evaluation(coordinates, runs.residual, runs.jacobian, runs.weights, scales,
+                          self.penalty(coordinates), initial)
 
-    def missed(self, layout: Layout, parts: IntArray, y: FloatArray, slopes: FloatArray,
-               scales: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Return what runs over parts miss, and its derivatives, as they count in the fit.
+    def residual(self, layout: Layout, parts: IntArray, y: FloatArray, slopes: FloatArray,
+                 scales: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Return the residual of runs over parts and the derivatives of the output.
 
-        Scaled and filtered; a run that diverged misses much, but no more than a finite amount.
+        Scaled and filtered as they count in the fit, and bounded where a run diverged.
 
         Args:
             layout: of the parts.
@@ -212,13 +214,13 @@ class Problem:
             scales: of output and sensors, (1 + K,).
         """
         most = MOST * self.size
-        missed = np.nan_to_num(layout.pick(layout.measured - y, scales), nan=most)
-        missed, rows = np.clip(missed, -most, most), layout.pick(slopes, scales)
+        residual = np.nan_to_num(layout.pick(layout.measured - y, scales), nan=most)
+        residual, rows = np.clip(residual, -most, most), layout.pick(slopes, scales)
         for k, (begin, _, end) in zip(parts, layout.of_parts, strict=True):
             if filters := self.parts[k].filters:
-                missed[begin:end], rows[begin:end] = (
-                    self.stacks[k].whitened(one[begin:end], filters) for one in (missed, rows))
-        return missed, rows
+                residual[begin:end], rows[begin:end] = (
+                    self.stacks[k].whitened(one[begin:end], filters) for one in (residual, rows))
+        return residual, rows
 
     def bounds(self) -> tuple[FloatArray, FloatArray]:
         """Lower and upper bounds of the coordinates."""
@@ -229,7 +231,7 @@ class Problem:
         return (np.array([edge(u, u.lower) for u in self.unknowns]),
                 np.array([edge(u, u.upper) for u in self.unknowns]))
 
-    def begin(self) -> Evaluation:
+    def evaluate_base(self) -> Evaluation:
         """Evaluate the base."""
         lower, upper = self.bounds()
         begin = coordinates_of(self.base, self.unknowns)
@@ -238,27 +240,27 @@ class Problem:
         hair = INSIDE * np.maximum(1.0, np.abs(begin))
         begin = np.clip(begin, lower + hair, upper - hair)
         here = self.at(begin)
-        return self.at(begin, scales=self.balanced(here)) if self.sensors else here
+        return self.at(begin, scales=self.likely_scales(here)) if self.sensors else here
 
-    def as_it_is(self) -> Fit:
+    def unsearched(self) -> Fit:
         """Take the base without a search."""
-        return self.fit(self.begin())
+        return self.fit(self.evaluate_base())
 
     def linear_prediction(self) -> tuple[Evaluation, float]:
         """Evaluate the base, and predict the sum of squares after the first step of a search.
 
         That of linear least squares within the bounds (Gauss-Newton), no coordinate moving by
-        more than `REACH`.
+        more than `LONGEST_STEP`.
         """
-        here = self.begin()
+        here = self.evaluate_base()
         lower, upper = self.bounds()
-        # The residual falls by the slopes; only their triangle counts.
-        orthogonal, triangle = np.linalg.qr(np.vstack([here.slopes,
-                                                       -self.pull_slopes(here.coordinates)]))
-        falls = orthogonal.T @ np.concatenate([here.residual, here.pulled])
-        step = lsq_linear(triangle, falls, (np.maximum(lower - here.coordinates, -REACH),
-                                            np.minimum(upper - here.coordinates, REACH)))
-        return here, here.power - float(falls @ falls) + 2.0 * float(step.cost)
+        # The output rises by the Jacobian, so the residual falls; its triangular factor suffices.
+        orthogonal, triangle = np.linalg.qr(np.vstack([here.jacobian,
+                                                       -self.penalty_jacobian(here.coordinates)]))
+        target = orthogonal.T @ np.concatenate([here.residual, here.penalty])
+        step = lsq_linear(triangle, target, (np.maximum(lower - here.coordinates, -LONGEST_STEP),
+                                             np.minimum(upper - here.coordinates, LONGEST_STEP)))
+        return here, here.sum_of_squares - float(target @ target) + 2.0 * float(step.cost)
 
     def solve(self, evaluations: int = 40, tolerance: float = 1e-6) -> Fit:
         """Search from the base, within the bounds."""
@@ -267,19 +269,19 @@ class Problem:
     def search(self, evaluations: int, tolerance: float) -> Evaluation:
         """Search by a trust region, as scipy does [Branch, Coleman and Li 1999].
 
-        The weight of a part's first samples, see `without_starts`, and the scales of output and
-        sensors are kept during a search: their own derivatives are not in the slopes. Where they
-        differ at the end, the search goes on with the new ones.
+        The weights of the first samples, see `eliminate`, and the scales of output and sensors
+        are kept during a search: the Jacobian does not hold their derivatives. Where they differ
+        at the end, the search goes on with the new ones.
 
         Args:
             evaluations: most runs over the parts.
             tolerance: relative reduction of the sum of squares that ends it.
         """
-        found = self.weighted_search(self.begin(), evaluations, tolerance)
-        for _ in range(REBALANCED if self.sensors else REWEIGHTED):
+        found = self.weighted_search(self.evaluate_base(), evaluations, tolerance)
+        for _ in range(RESCALED if self.sensors else REWEIGHTED):
             if found.reason != CONVERGED:
                 break
-            now = self.at(found.coordinates, scales=self.balanced(found))
+            now = self.at(found.coordinates, scales=self.likely_scales(found))
             if (np.abs(np.log(now.weights / found.weights)).max() < math.log(SAME_WEIGHT)
                     and np.abs(np.log(now.scales / found.scales)).max() < SAME_SCALE):
                 break
@@ -302,16 +304,17 @@ class Problem:
             if not np.array_equal(coordinates, here.coordinates):
                 if stalled == PATIENCE:
                     raise _StalledError
-                here = self.at(coordinates, weights, scales, best.starts)
-                stalled = 0 if here.power < (1.0 - tolerance) * best.power else stalled + 1
-                best = min(here, best, key=lambda evaluation: evaluation.power)
+                here = self.at(coordinates, weights, scales, best.initial)
+                improved = here.sum_of_squares < (1.0 - tolerance) * best.sum_of_squares
+                stalled = 0 if improved else stalled + 1
+                best = min(here, best, key=lambda evaluation: evaluation.sum_of_squares)
             return here
 
         def residual(coordinates: FloatArray) -> FloatArray:
-            return np.concatenate([last(coordinates).residual, here.pulled])
+            return np.concatenate([last(coordinates).residual, here.penalty])
 
         def jacobian(coordinates: FloatArray) -> FloatArray:
-            return np.vstack([-last(coordinates).slopes, self.pull_slopes(coordinates)])
+            return np.vstack([-last(coordinates).jacobian, self.penalty_jacobian(coordinates)])
 
         try:
             # Where the trust region has shrunk to next to nothing, scipy's step overflows.
@@ -325,18 +328,18 @@ class Problem:
 
     def fit(self, found: Evaluation) -> Fit:
         """Take what a search has found, with the scales that its residual asks for."""
-        fit = Fit(self.candidate(found.coordinates), self.unknowns, found.residual, found.slopes,
-                  self.lengths, float(found.pulled @ found.pulled))
+        fit = Fit(self.candidate(found.coordinates), self.unknowns, found.residual, found.jacobian,
+                  self.lengths, float(found.penalty @ found.penalty))
         if not self.sensors:
             return fit
-        scales = self.balanced(found)
+        scales = self.likely_scales(found)
         rows = np.repeat((scales / found.scales)[list(self.pieces.outputs)], self.lengths)
         return replace(fit, residual=rows * fit.residual, jacobian=rows[:, None] * fit.jacobian,
                        outputs=self.pieces.outputs, sensors=self.sensors, scales=scales)
 
-    def balanced(self, found: Evaluation) -> FloatArray:
-        """Return the scales of output and sensors that a residual asks for, (1 + K,)."""
-        return self.pieces.balanced(found.residual, found.scales)
+    def likely_scales(self, found: Evaluation) -> FloatArray:
+        """Return the scales of output and sensors of the greatest likelihood, (1 + K,)."""
+        return self.pieces.likely_scales(found.residual, found.scales)
 
 
 def solve_all(problems: Sequence[Problem], evaluations: int = 40, tolerance: float = 1e-6

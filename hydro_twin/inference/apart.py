@@ -44,5 +44,5 @@ def joined(fits: Sequence[Fit]) -> Fit:
         mains[0], unknowns=tuple(chain.from_iterable(fit.unknowns for fit in mains)),
         residual=np.concatenate([fit.residual for fit in mains]),
         lengths=tuple(chain.from_iterable(fit.lengths for fit in mains)),
-        pulled=sum(fit.pulled for fit in mains),
+        penalty=sum(fit.penalty for fit in mains),
         jacobian=np.zeros((sum(len(fit.residual) for fit in mains), 0)))

@@ -1,8 +1,8 @@
-"""A search from several models at once, where adding the best effect each time left something.
+"""Beam search, where forward selection leaves structure in the residual.
 
-Two laws that act together may each explain less than a third that imitates them: a dead zone off
-its middle with a limit behind it looks like an offset. The greedy search takes the offset, and
-what is left then points to other effects.
+Two laws that act together may each explain less than a third that imitates them: an eccentric
+dead zone with a limit behind it looks like an offset. Forward selection takes the offset, and the
+residual then points to other effects.
 """
 from __future__ import annotations
 
@@ -11,27 +11,28 @@ from collections.abc import Iterable, Sequence
 import numpy as np
 
 from hydro_twin.fitting.fit import Fit
-from hydro_twin.inference.chain import (
-    AGAIN,
-    exchange,
-    leaves_something,
-    likely,
-    MOST,
-    RIVALS,
-    WORTH,
-)
 from hydro_twin.inference.context import Context
 from hydro_twin.inference.criterion import CLEARLY, criterion
 from hydro_twin.inference.findings import Chain, finding, share
 from hydro_twin.inference.select import Alternative, HOPELESS, refine
-from hydro_twin.inference.settle import settled
+from hydro_twin.inference.stepwise import (
+    AGAIN,
+    exchange,
+    is_residual_structured,
+    is_significant,
+    LEAST_SHARE,
+    MOST_EFFECTS,
+    RIVALS,
+)
+from hydro_twin.inference.validation import validated
 
 WIDTH = 3               # models that go on
 DEEPER = 1              # effects in a model beyond those that are kept: one more may make an
 #                         earlier one needless
 
 
-def widen(chain: Chain, base: Fit, alternatives: Sequence[Alternative], context: Context) -> Chain:
+def beam_search(chain: Chain, base: Fit, alternatives: Sequence[Alternative], context: Context
+                ) -> Chain:
     """Search for a model that is clearly better than a chain that leaves something.
 
     From the best first effects on, each of the best models is extended by each of the best
@@ -47,20 +48,20 @@ def widen(chain: Chain, base: Fit, alternatives: Sequence[Alternative], context:
         alternatives: fits with one, best first.
         context: the data.
     """
-    full = len(chain.findings) == MOST
-    if full or not alternatives or not leaves_something(chain, context):
+    full = len(chain.findings) == MOST_EFFECTS
+    if full or not alternatives or not is_residual_structured(chain, context):
         return chain
     given = len(base.candidate.effects)
     seen: dict[frozenset[str], Fit] = {}
     beam = _best(_promising(base, alternatives, chain), seen)
-    for _ in range(MOST + DEEPER - 1):
+    for _ in range(MOST_EFFECTS + DEEPER - 1):
         seen |= {_kinds(fit): fit for fit in beam}
         extended = [one for fit in beam for one in _promising(
             fit, context.fit_alternatives(fit, AGAIN, _most(fit, chain)), chain)]
         beam = _best((_without_needless(fit, given, context)
                       for fit in _best(extended, seen)), seen)
     seen |= {_kinds(fit): fit for fit in beam}
-    whole = [fit for fit in seen.values() if len(fit.candidate.effects) <= given + MOST]
+    whole = [fit for fit in seen.values() if len(fit.candidate.effects) <= given + MOST_EFFECTS]
     if not whole:
         return chain
     first, *scores = criterion([chain.fit, *whole])
@@ -72,7 +73,7 @@ def widen(chain: Chain, base: Fit, alternatives: Sequence[Alternative], context:
     indices = range(given, len(best.candidate.effects))
     found = tuple(finding(without, best, (), index) for index, without in zip(
         indices, context.without(best, indices), strict=True))
-    other = settled(exchange(Chain(best, found), context, last=True), base, context)
+    other = validated(exchange(Chain(best, found), context, last=True), base, context)
     one, two = criterion([chain.fit, other.fit])
     return other if two < one - CLEARLY else chain
 
@@ -80,7 +81,8 @@ def widen(chain: Chain, base: Fit, alternatives: Sequence[Alternative], context:
 def _promising(fit: Fit, alternatives: Sequence[Alternative], chain: Chain) -> list[Fit]:
     """Take the alternatives to a fit that explain something, and from which a chain is near."""
     return [one.fit for one in alternatives
-            if likely(fit, one.fit, WORTH) and one.fit.error < HOPELESS * chain.fit.error]
+            if is_significant(fit, one.fit, LEAST_SHARE)
+            and one.fit.error < HOPELESS * chain.fit.error]
 
 
 def _most(fit: Fit, chain: Chain) -> float:
@@ -118,6 +120,6 @@ def _without_needless(fit: Fit, given: int, context: Context) -> Fit:
         for index in range(given, len(without.candidate.effects)):
             without, = refine([without], context.parts, index)
         with_it, bare = criterion([fit, without])
-        if bare < with_it + CLEARLY or share(without, fit) < WORTH:
+        if bare < with_it + CLEARLY or share(without, fit) < LEAST_SHARE:
             return _without_needless(without, given, context)
     return fit

@@ -17,13 +17,13 @@ from hydro_twin.effects import Placed
 from hydro_twin.fitting.fit import Fit
 from hydro_twin.fitting.horizon import windows
 from hydro_twin.fitting.parts import least_samples, Part
-from hydro_twin.inference.chain import LATER
 from hydro_twin.inference.context import Context
 from hydro_twin.inference.criterion import CLEARLY, criterion
 from hydro_twin.inference.findings import Chain
 from hydro_twin.inference.screen import places
 from hydro_twin.inference.select import fit_alternatives, LONG, search, search_all
 from hydro_twin.inference.starts import with_other
+from hydro_twin.inference.stepwise import LATER
 from hydro_twin.model import Model
 
 SHORTER = 8             # times: a constant force that is lacking moves a mass by a 64th as much

@@ -58,9 +58,9 @@ def _bic(fit: Fit, d: int, rows: Sequence[FloatArray], samples: Sequence[float])
         rows: its residual of each.
         samples: N, how many count as independent, of each.
     """
-    pulled = 1.0 + fit.pulled / max(float(fit.residual @ fit.residual), 1e-300)
+    penalised = 1.0 + fit.penalty / max(float(fit.residual @ fit.residual), 1e-300)
     return d * math.log(sum(samples)) + sum(
-        n * math.log(max(pulled * rms(row)**2, 1e-300))
+        n * math.log(max(penalised * rms(row)**2, 1e-300))
         for n, row in zip(samples, rows, strict=True) if len(row))
 
 

@@ -14,9 +14,9 @@ from hydro_twin.fitting.output_error import free_run_error
 from hydro_twin.fitting.parts import Part
 from hydro_twin.fitting.port_signals import predicted_by_ports
 from hydro_twin.inference.criterion import CLEARLY, criterion, gain_p_value
+from hydro_twin.inference.held_out import held_out_gain, residuals
 from hydro_twin.inference.noise import COLOURED, noise_floor
 from hydro_twin.inference.passing import passing
-from hydro_twin.inference.proof import proof, residuals
 from hydro_twin.inference.screen import spans
 from hydro_twin.inference.select import search_all
 from hydro_twin.inference.structure import shows
@@ -42,13 +42,13 @@ class FittedCurve:
 
     Attributes:
         fit: its last effect is the curve.
-        proof: its improvement on held-out data.
+        gain: its improvement on held-out data.
         p_value: of the likelihood ratio, corrected for all that was tried.
         others: curves at other ports or signals with their delta BIC, nearest first.
     """
 
     fit: Fit
-    proof: Improvement
+    gain: Improvement
     p_value: float
     others: tuple[tuple[Placed, float], ...]
 
@@ -103,7 +103,7 @@ def find_curve(fit: Fit, parts: Sequence[Part], held_out: Sequence[Part],
     scores = criterion(fits)
     first, *rest = sorted(range(len(fits)), key=lambda k: scores[k])
     p_value = gain_p_value(fit, fits[first], len(curves))
-    helps = proof(fit, fits[first], held_out, seed)
+    helps = held_out_gain(fit, fits[first], held_out, seed)
     if p_value > LEVEL or not helps.low > 0.0:
         return None
     others = [(fits[k].candidate.effects[-1], scores[k] - scores[first]) for k in rest]
@@ -136,7 +136,7 @@ def is_better(found: FittedCurve, base: Fit, named: Fit, curves: Sequence[Depend
         return False
     with_curve, with_names = criterion([found.fit, named])
     return (with_curve < with_names - CLEARLY and outweighs(found.fit, named, held_out)
-            and proof(named, found.fit, held_out, seed).high > 0.0)
+            and held_out_gain(named, found.fit, held_out, seed).high > 0.0)
 
 
 def outweighs(with_curve: Fit, named: Fit, held_out: Sequence[Part]) -> bool:

@@ -83,7 +83,7 @@ def result_of(found: Evidence) -> TraceResult:
         factor=_factor(fits['after'], known['after']), effects=effects,
         shapes=tuple(shape_of(found.final, effect.placed, found.fitted) for effect in effects),
         found=None if found.found is None else FoundCurve(
-            found.found.placed, found.found.proof, found.found.p_value, found.found.others),
+            found.found.placed, found.found.gain, found.found.p_value, found.found.others),
         best_named=found.best_named,
         improvement=found.improvement, hidden=found.hidden, remainder=_remainder(found),
         outputs=_by_output(found, models), series=_by_series(found, predicted),
@@ -132,8 +132,8 @@ def _observed(recordings: Mapping[str, Recording], model: Model) -> Model:
         **model.errors, 'after': {**model.errors['after'], OBSERVER: errors}})
 
 
-def _missed(found: Evidence, predicted: Predictions, mode: str) -> dict[str, list[FloatArray]]:
-    """Measured less predicted, scored samples only, of each series of each part."""
+def _residuals(found: Evidence, predicted: Predictions, mode: str) -> dict[str, list[FloatArray]]:
+    """Measured minus predicted, scored samples only, of each series of each part."""
     left = iter(predicted[mode])
     return {part: [(one[found.plant.output.name] - next(left))[
         first_scored(one, found.plant, mode):] for one in found.recordings[part].series]
@@ -142,8 +142,8 @@ def _missed(found: Evidence, predicted: Predictions, mode: str) -> dict[str, lis
 
 def _errors(found: Evidence, predicted: Predictions) -> Errors:
     """Score a model on both parts; nan where a run diverges."""
-    missed = {mode: _missed(found, predicted, mode) for mode in MODES}
-    return {mode: {part: rms(np.concatenate(missed[mode][part])) for part in ('train', 'test')}
+    residuals = {mode: _residuals(found, predicted, mode) for mode in MODES}
+    return {mode: {part: rms(np.concatenate(residuals[mode][part])) for part in ('train', 'test')}
             for mode in MODES}
 
 
@@ -154,10 +154,10 @@ def _by_series(found: Evidence, predicted: dict[str, Predictions]) -> tuple[Seri
         {when: {mode: {} for mode in MODES} for when in predicted} for _ in sources]
     for when, predictions in predicted.items():
         for mode in MODES:
-            missed = _missed(found, predictions, mode)
+            residuals = _residuals(found, predictions, mode)
             for part in ('train', 'test'):
-                if len(missed[part]) == len(sources):
-                    for row, error in zip(rows, missed[part], strict=True):
+                if len(residuals[part]) == len(sources):
+                    for row, error in zip(rows, residuals[part], strict=True):
                         row[when][mode][part] = rms(error)
     return tuple(SeriesErrors(source, **row) for source, row in zip(sources, rows, strict=True)
                  if all(np.isfinite(error) for errors in row.values()

@@ -9,10 +9,10 @@ from hydro_twin.fitting.autoregression import effective_samples
 from hydro_twin.fitting.fit import Fit
 from hydro_twin.fitting.identifiability import Identifiability
 from hydro_twin.fitting.parts import Part
-from hydro_twin.inference.chain import HELD_OUT
 from hydro_twin.inference.curve import FittedCurve
 from hydro_twin.inference.findings import Finding
 from hydro_twin.inference.noise import Burst, COLOURED
+from hydro_twin.inference.stepwise import HELD_OUT
 from hydro_twin.plants import Plant
 from hydro_twin.recording.series import Recording
 from hydro_twin.result import BestNamed, Dependence, Hidden, Improvement, Line, Memory

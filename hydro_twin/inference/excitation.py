@@ -20,7 +20,7 @@ from hydro_twin.fitting.problem import Problem
 from hydro_twin.fitting.unknowns import get, put, Unknown
 from hydro_twin.inference.excerpt import excerpt
 from hydro_twin.inference.noise import noise_floor
-from hydro_twin.inference.screen import spans, visible
+from hydro_twin.inference.screen import detectable, spans
 from hydro_twin.inference.select import searched
 from hydro_twin.model import Model
 from hydro_twin.predictors.scores import rms
@@ -111,7 +111,7 @@ def excitation(recording: Recording, model: Model) -> Excitation:
         parts = excerpt(parts_of(recording, plant), plant, sample_time)
     except DataError as error:
         return Excitation({}, (), 0, (), 0, str(error))
-    fit = Problem(model, searched(model), parts).as_it_is().main
+    fit = Problem(model, searched(model), parts).unsearched().main
     noise = noise_floor(fit.by_part)
     # As it would be with nothing left but noise: what there is to be traced must not count.
     fit = replace(fit, residual=noise * np.random.default_rng(0).standard_normal(
@@ -119,7 +119,7 @@ def excitation(recording: Recording, model: Model) -> Excitation:
     size = max(rms(np.concatenate([p.measured - p.measured.mean() for p in parts])), 10.0 * noise)
     known = fit.identifiability().std_error
     errors = {u.name: known[u.name] for u in fit.unknowns if u.owner == ''}
-    effects = visible(fit, parts, spans(model, parts))
+    effects = detectable(fit, parts, spans(model, parts))
     return Excitation(
         errors, tuple(_weak(model, errors, _motions(fit, noise, size))),
         sum(model.parameters[name].std_error is not None for name in errors),

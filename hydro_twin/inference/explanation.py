@@ -14,22 +14,22 @@ from typing import NamedTuple
 from hydro_twin.fitting.coloured import as_measured, is_coloured, whitened
 from hydro_twin.fitting.fit import Fit
 from hydro_twin.fitting.parts import Part
-from hydro_twin.inference.beam import widen
-from hydro_twin.inference.chain import (
-    finely,
-    FINEST,
-    grow,
-    is_stepping,
-    simplified,
-    supported,
-)
+from hydro_twin.inference.beam import beam_search
 from hydro_twin.inference.context import Context
 from hydro_twin.inference.continuation import from_short_windows, with_rivals_of_short_windows
 from hydro_twin.inference.curve import FittedCurve
 from hydro_twin.inference.findings import Chain
-from hydro_twin.inference.proof import proof
+from hydro_twin.inference.held_out import held_out_gain
 from hydro_twin.inference.select import Alternative, fit_alternatives, LONG, search
-from hydro_twin.inference.settle import settled
+from hydro_twin.inference.stepwise import (
+    FINEST,
+    is_discretisation_error,
+    select_forward,
+    with_fine_steps,
+    without_indistinct,
+    without_unsupported,
+)
+from hydro_twin.inference.validation import validated
 from hydro_twin.inference.weighing import with_curve
 from hydro_twin.model import Model
 
@@ -67,8 +67,8 @@ def explain(base: Fit, context: Context, known: Sequence[Model]) -> Explanation:
         known: models with one effect more, to start from.
     """
     known = [*known, *from_short_windows(base, context)]
-    base, chain, _ = _grown(base, context, known)
-    if is_stepping(chain.fit, context.parts):
+    base, chain, _ = _selected(base, context, known)
+    if is_discretisation_error(chain.fit, context.parts):
         return Explanation(base, chain, None, None)
     found = None
     if is_coloured(chain.fit):
@@ -97,28 +97,28 @@ def _by_likelihood(base: Fit, chain: Chain, context: Context) -> Explanation | N
                     held_out=whitened(context.held_out, chain.fit), known={}, fits={})
     known = [replace(base.candidate, effects=(*given, placed))
              for placed in chain.fit.candidate.effects[len(given):]]
-    there, again, alternatives = _grown(search(base.candidate, white.parts, LONG), white, known)
-    wider = widen(again, there, alternatives, white)
+    there, again, alternatives = _selected(search(base.candidate, white.parts, LONG), white, known)
+    wider = beam_search(again, there, alternatives, white)
     if wider is not again:
-        again = _supported(wider, there, white)
+        again = _with_fine_steps(wider, there, white)
     context.progress('trying free curves')
     again, found, replaced = with_curve(again, there, white)
     last = again.fit if found is None else found.fit
     if _ids(last) == _ids(chain.fit):
         return None
     first = search(chain.fit.candidate, white.parts, LONG)
-    if not proof(first, last, white.held_out, context.seed).low > 0.0:
+    if not held_out_gain(first, last, white.held_out, context.seed).low > 0.0:
         return None
     again = _as_measured(again, parts) if again.findings else Chain(base)
     explained = Explanation(base, again, None, None)
     if found is not None:
         found = replace(found, fit=as_measured(found.fit, parts))
         named = replaced and _as_measured(replaced, parts)
-        helps = proof((named or again).fit, found.fit, context.held_out, context.seed)
+        helps = held_out_gain((named or again).fit, found.fit, context.held_out, context.seed)
         explained = (Explanation(base, again, found, named) if helps.relative > 0.0 else
                      Explanation(base, named or again, None, None))
     # Innovations may be explained at the cost of the run, where no laws are exactly right.
-    helps = proof(chain.fit, explained.fit, context.held_out, context.seed)
+    helps = held_out_gain(chain.fit, explained.fit, context.held_out, context.seed)
     return explained if helps.relative > 0.0 else None
 
 
@@ -136,7 +136,7 @@ def _as_measured(chain: Chain, parts: Sequence[Part]) -> Chain:
     return replace(chain, fit=as_measured(chain.fit, parts))
 
 
-def _grown(base: Fit, context: Context, known: Sequence[Model]
+def _selected(base: Fit, context: Context, known: Sequence[Model]
            ) -> tuple[Fit, Chain, Sequence[Alternative]]:
     """Add effects to a model one after another.
 
@@ -145,19 +145,21 @@ def _grown(base: Fit, context: Context, known: Sequence[Model]
     """
     alternatives = fit_alternatives(base, context.parts, context.times, EVERY, True,
                                     context.progress, known)
-    grown = grow(Chain(base), alternatives, context)
+    grown = select_forward(Chain(base), alternatives, context)
     base = context.best(base)
-    chain = settled(grown, base, context)
-    return base, _supported(chain, base, context), alternatives
+    chain = validated(grown, base, context)
+    return base, _with_fine_steps(chain, base, context), alternatives
 
 
-def _supported(chain: Chain, base: Fit, context: Context) -> Chain:
+def _with_fine_steps(chain: Chain, base: Fit, context: Context) -> Chain:
     """Fit a chain with steps that are fine enough, and drop what explains too little.
 
     A search that goes further may end where an effect is no longer distinguished from a simpler
     one, too.
     """
     if chain.findings:
-        better = search(finely(chain.fit, context.parts, FINEST).candidate, context.parts, LAST)
-        chain = supported(simplified(replace(chain, fit=better), context), base, context)
+        fine = with_fine_steps(chain.fit, context.parts, FINEST)
+        better = search(fine.candidate, context.parts, LAST)
+        chain = without_indistinct(replace(chain, fit=better), context)
+        chain = without_unsupported(chain, base, context)
     return chain if chain.findings else Chain(base)

@@ -60,7 +60,7 @@ def remember(fit: Fit, parts: Sequence[Part], before: Model, earlier: Sequence[P
     if not shared:
         return Remembered(fit, fit.identifiability(), ())
     problem = Problem(before, [fit.unknowns[k] for k in shared], earlier)
-    then = problem.as_it_is()
+    then = problem.unsearched()
     here = coordinates_of(fit.candidate, fit.unknowns)
     change = here[shared] - coordinates_of(before, problem.unknowns)
     moved = _moved(change, problem.unknowns, fit.identifiability(), then.identifiability())
@@ -135,4 +135,4 @@ def _known(fit: Fit, then: Fit, rows: FloatArray, columns: Sequence[int]) -> Ide
     return Fit(fit.candidate, fit.unknowns,
                np.concatenate([fit.residual, size / rms(then.residual) * then.residual]),
                np.vstack([fit.jacobian, earlier]), (*fit.lengths, *then.lengths),
-               fit.pulled).identifiability()
+               fit.penalty).identifiability()

@@ -184,22 +184,22 @@ def _gain(signal: FloatArray, value: FloatArray) -> float:
     return float(signal @ value) / float(signal @ signal)
 
 
-def _missed(drawn: Characteristic, laws: Sequence[Placed], gains: Sequence[float]) -> FloatArray:
+def _residual(drawn: Characteristic, laws: Sequence[Placed], gains: Sequence[float]) -> FloatArray:
     """Return what laws one behind another leave of a curve, at the best gain of the plant."""
     passed = drawn.signal
     for placed, factor in zip(laws, gains, strict=True):
         passed = _passed(placed, factor, passed)
     power = float(passed @ passed)
     scale = float(passed @ drawn.passed) / power if power > 0.0 else 0.0
-    missed: FloatArray = drawn.passed - scale * passed
-    return missed
+    residual: FloatArray = drawn.passed - scale * passed
+    return residual
 
 
 def _forms(drawn: Characteristic, site: Site) -> list[tuple[Site, Placed]]:
     """List the forms of one law that draw a curve best by themselves, at most `FORMS`."""
     def left(placed: Placed) -> float:
-        missed = _missed(drawn, [placed], [site.gain])
-        return float(missed @ missed)
+        residual = _residual(drawn, [placed], [site.gain])
+        return float(residual @ residual)
 
     simple = sorted((Placed(site.effect, site.port, tuple(start))
                      for start in site.effect.starts(site.reach)), key=left)[:FORMS]
@@ -214,8 +214,8 @@ def _composed(drawn: Characteristic, forms: Sequence[list[tuple[Site, Placed]]])
     gains = [some[0][0].gain for some in forms]
 
     def left(laws: Sequence[Placed]) -> float:
-        missed = _missed(drawn, laws, gains)
-        return float(missed @ missed)
+        residual = _residual(drawn, laws, gains)
+        return float(residual @ residual)
 
     begun = min(product(*([placed for _, placed in some] for some in forms)), key=left)
     unknowns = [(k, one) for k, placed in enumerate(begun) for one in effect_unknowns(k, placed)]
@@ -227,10 +227,10 @@ def _composed(drawn: Characteristic, forms: Sequence[list[tuple[Site, Placed]]])
         return [replace(placed, values=tuple(own.values()))
                 for placed, own in zip(begun, named, strict=True)]
 
-    def missed(coordinates: FloatArray) -> FloatArray:
-        return _missed(drawn, laws_at(coordinates), gains)
+    def residual(coordinates: FloatArray) -> FloatArray:
+        return _residual(drawn, laws_at(coordinates), gains)
 
     start = np.array([one.coordinate(begun[k].named[one.name]) for k, one in unknowns])
-    found = least_squares(missed, start, bounds=(start - FAR, start + FAR), max_nfev=STEPS)
+    found = least_squares(residual, start, bounds=(start - FAR, start + FAR), max_nfev=STEPS)
     laws = min((list(begun), laws_at(found.x)), key=left)
     return Composition(left(laws), tuple(laws))

@@ -27,11 +27,11 @@ from hydro_twin.plants import Plant, Port
 from hydro_twin.result import Hidden
 
 NEAR = 0.9              # share of the largest value, from which it counts as near that
-VISIBLE = 50.0          # ratio of an effect's energy to the noise variance at which it shows
+DETECTABLE = 50.0          # ratio of an effect's energy to the noise variance at which it shows
 
 
 @dataclass(frozen=True)
-class Prospect:
+class ScoredEffect:
     """An effect on a port with a start for its search.
 
     Attributes:
@@ -55,7 +55,7 @@ def spans(candidate: Model, parts: Sequence[Part]) -> dict[Port, Span]:
     lows, highs = (np.array([reach(run, axis=0) for run in runs]) for reach in (np.min, np.max))
     low, high = lows.min(axis=0), highs.max(axis=0)
     P = len(plant.ports)
-    lasting = np.max([longest(near) for run in runs for near in (
+    lasting = np.max([longest_run(near) for run in runs for near in (
         run[:, :P] >= NEAR * high[:P], run[:, :P] <= NEAR * low[:P])], axis=0)
     largest = np.maximum(np.maximum(abs(low), abs(high)), 1e-12)
     travel = travel_of(parts)
@@ -73,7 +73,7 @@ def spans(candidate: Model, parts: Sequence[Part]) -> dict[Port, Span]:
     return found
 
 
-def longest(holds: npt.NDArray[np.bool_]) -> npt.NDArray[np.int64]:
+def longest_run(holds: npt.NDArray[np.bool_]) -> npt.NDArray[np.int64]:
     """Count the most samples in a row at which something holds, of each column of (N, rows)."""
     count = np.cumsum(holds, axis=0)
     since = count - np.maximum.accumulate(np.where(holds, 0, count), axis=0)
@@ -96,7 +96,7 @@ def places(plant: Plant, taken: Sequence[Placed], parameters: bool = False
             and (effect.course is None or port.name not in together)]
 
 
-def screen(fit: Fit, parts: Sequence[Part]) -> list[Prospect]:
+def screen(fit: Fit, parts: Sequence[Part]) -> list[ScoredEffect]:
     """Rank effects by what they explain of the residual of a fit.
 
     Returns:
@@ -104,13 +104,13 @@ def screen(fit: Fit, parts: Sequence[Part]) -> list[Prospect]:
     """
     fit, candidate = fit.main, fit.candidate
     reach = spans(candidate, parts)
-    basis = _tuning(fit)
-    residual = _untuned(fit.residual, basis)
+    basis = _parameter_space(fit)
+    residual = _orthogonal(fit.residual, basis)
     power = float(residual @ residual)
     starts = [placed for effect, port in places(candidate.plant, candidate.effects)
               for placed in _starts(effect, port, reach[port])]
     without = _without(fit, parts)
-    prospects: dict[tuple[str, str], list[Prospect]] = {}
+    prospects: dict[tuple[str, str], list[ScoredEffect]] = {}
     for placed, moved in zip(
             starts, in_processes(partial(_response, without, parts, basis), starts), strict=True):
         size = float(moved @ moved)
@@ -118,11 +118,11 @@ def screen(fit: Fit, parts: Sequence[Part]) -> list[Prospect]:
         if not math.isfinite(size) or size <= 0.0:
             continue
         right_way = max(along, 0.0)
-        prospect = Prospect(placed, right_way**2 / (size * power), right_way / size)
+        prospect = ScoredEffect(placed, right_way**2 / (size * power), right_way / size)
         prospects.setdefault((placed.effect.id, placed.port.kind + placed.port.name),
                              []).append(prospect)
-    best = [sorted(some, key=_promise, reverse=True)[:2] for some in prospects.values()]
-    return [p for some in sorted(best, key=lambda some: _promise(some[0]), reverse=True)
+    best = [sorted(some, key=_rank, reverse=True)[:2] for some in prospects.values()]
+    return [p for some in sorted(best, key=lambda some: _rank(some[0]), reverse=True)
             for p in some]
 
 
@@ -133,13 +133,13 @@ def _starts(effect: Effect, port: Port, reach: Span) -> list[Placed]:
                    for p, v in zip(effect.parameters, values, strict=True))]
 
 
-def _tuning(fit: Fit) -> FloatArray:
+def _parameter_space(fit: Fit) -> FloatArray:
     """Return an orthonormal basis of what re-tuning can do to the output, (N, b)."""
     basis: FloatArray = np.linalg.qr(fit.jacobian)[0]
     return basis
 
 
-def _untuned(output: FloatArray, basis: FloatArray) -> FloatArray:
+def _orthogonal(output: FloatArray, basis: FloatArray) -> FloatArray:
     """Project the effect of re-tuning out of an output."""
     rest: FloatArray = output - basis @ (basis.T @ output)
     return rest
@@ -166,21 +166,21 @@ def _response(without: _Without, parts: Sequence[Part], basis: FloatArray, place
     """Return how an effect would move the output, beyond what re-tuning could do, (N,)."""
     candidate = replace(without.candidate, effects=(*without.candidate.effects, placed))
     left = np.concatenate(residuals_from(candidate, parts, without.states))
-    return _untuned(without.residual - left, basis)
+    return _orthogonal(without.residual - left, basis)
 
 
-def _promise(prospect: Prospect) -> float:
+def _rank(prospect: ScoredEffect) -> float:
     """Share explained, reduced where the start is much too weak or too strong to be linear."""
     if prospect.gain <= 0.0:
         return 0.0
     return prospect.share / (1.0 + 0.05 * math.log(prospect.gain) ** 2)
 
 
-def hidden(fit: Fit, parts: Sequence[Part]) -> list[Hidden]:
+def undetectable(fit: Fit, parts: Sequence[Part]) -> list[Hidden]:
     """List the effects that would not have shown at any strength, and limits beyond reach."""
     reach = spans(fit.candidate, parts)
     found = []
-    for effect, port, shown in visible(fit, parts, reach):
+    for effect, port, shown in detectable(fit, parts, reach):
         if not shown or effect.beyond_reach:
             unit = '' if port.unit == '1' else f' {port.unit}'
             says = effect.excitation if not shown else (
@@ -190,7 +190,7 @@ def hidden(fit: Fit, parts: Sequence[Part]) -> list[Hidden]:
     return found
 
 
-def visible(fit: Fit, parts: Sequence[Part], reach: Mapping[Port, Span]
+def detectable(fit: Fit, parts: Sequence[Part], reach: Mapping[Port, Span]
             ) -> list[tuple[Effect, Port, bool]]:
     """Say of every effect at every port whether it would show at any strength tried.
 
@@ -202,21 +202,22 @@ def visible(fit: Fit, parts: Sequence[Part], reach: Mapping[Port, Span]
         reach: see `spans`.
     """
     fit = fit.main
-    basis = _tuning(fit)
-    noise = _untuned(fit.residual, basis)
-    least = VISIBLE * float(noise @ noise) / len(noise)
+    basis = _parameter_space(fit)
+    noise = _orthogonal(fit.residual, basis)
+    least = DETECTABLE * float(noise @ noise) / len(noise)
     everywhere = places(fit.candidate.plant, fit.candidate.effects)
     begun = [_starts(effect, port, reach[port]) for effect, port in everywhere]
-    showing = in_processes(partial(_shows, _without(fit, parts), parts, basis, least), begun)
+    showing = in_processes(
+        partial(_is_detectable, _without(fit, parts), parts, basis, least), begun)
     return [(effect, port, shown)
             for (effect, port), shown in zip(everywhere, showing, strict=True)]
 
 
-def _shows(without: _Without, parts: Sequence[Part], basis: FloatArray, visible: float,
+def _is_detectable(without: _Without, parts: Sequence[Part], basis: FloatArray, detectable: float,
            starts: Sequence[Placed]) -> bool:
     """Whether an effect moves the output visibly at any start; the strongest come last."""
     for placed in reversed(starts):
         moved = _response(without, parts, basis, placed)
-        if visible <= float(moved @ moved) < math.inf:
+        if detectable <= float(moved @ moved) < math.inf:
             return True
     return False

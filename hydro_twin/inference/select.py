@@ -29,11 +29,11 @@ from hydro_twin.fitting.whiteness import is_white
 from hydro_twin.inference.apart import by_recording, goes_with_time
 from hydro_twin.inference.criterion import CLEARLY, criterion, refinement_gain
 from hydro_twin.inference.noise import cannot_be_noise
-from hydro_twin.inference.screen import places, Prospect, screen, spans
+from hydro_twin.inference.screen import places, ScoredEffect, screen, spans
 from hydro_twin.inference.starts import (
+    best_start_of_each,
     drift_starts,
     linear_starts,
-    nearest,
     relocated,
     shortlist,
     with_effect,
@@ -85,7 +85,7 @@ def search_all(candidates: Sequence[Model], parts: Sequence[Part], evaluations: 
 
 def unsearched(candidate: Model, parts: Sequence[Part]) -> Fit:
     """Take a candidate as it is for a fit."""
-    return _problems([candidate], parts)[0].as_it_is()
+    return _problems([candidate], parts)[0].unsearched()
 
 
 def _problems(candidates: Sequence[Model], parts: Sequence[Part]) -> list[Problem]:
@@ -144,13 +144,14 @@ def fit_alternatives(base: Fit, parts: Sequence[Part], times: tuple[float, float
             *hiding]
     plain = [*known, *drift_starts(base, parts, times)]
     if afresh:
-        plain += nearest(linear_starts(base.candidate, parts), parts)
+        plain += best_start_of_each(linear_starts(base.candidate, parts), parts)
     tried, apart = _divided([*plain, *near], parts)
-    found = finish(base, race(tried, parts, progress), parts, most_error)
+    found = fit_to_convergence(base, successive_halving(tried, parts, progress), parts, most_error)
     delayed = any(one.placed.effect.dynamic for one in found[:1])
     if not apart or not (delayed or cannot_be_noise(base.by_part)):
         return found
-    dynamics = finish(base, race(apart, parts, progress), parts, most_error)
+    dynamics = fit_to_convergence(
+        base, successive_halving(apart, parts, progress), parts, most_error)
     if dynamics and not cannot_be_noise(dynamics[0].fit.by_part):
         return best_by_criterion([one.fit for one in (*found, *dynamics)])
     return [*found[:1], *dynamics, *found[1:]] if delayed else found
@@ -178,7 +179,7 @@ def _divided(candidates: Sequence[Model], parts: Sequence[Part]
     return together, apart
 
 
-def race(candidates: Sequence[Model], parts: Sequence[Part],
+def successive_halving(candidates: Sequence[Model], parts: Sequence[Part],
          progress: Callable[[str], None]) -> list[Fit]:
     """Search for a few evaluations from the candidates that promise most; best first.
 
@@ -211,7 +212,7 @@ def race(candidates: Sequence[Model], parts: Sequence[Part],
         fits[0] for fits, count in zip(ranked, starts, strict=True) if not count)])
 
 
-def nothing_shows(base: Fit, prospects: Sequence[Prospect], hiding: Sequence[Model],
+def nothing_shows(base: Fit, prospects: Sequence[ScoredEffect], hiding: Sequence[Model],
                   parts: Sequence[Part]) -> bool:
     """Whether the residual is white and no effect has a score above chance.
 
@@ -222,12 +223,12 @@ def nothing_shows(base: Fit, prospects: Sequence[Prospect], hiding: Sequence[Mod
     if any(p.share >= chance for p in prospects) or not is_white(base.by_part):
         return False
     without, *problems = _problems([base.candidate, *hiding], parts)
-    power = without.begin().power
+    power = without.evaluate_base().sum_of_squares
     return all(1.0 - leaves / power < chance
                for _, leaves in in_processes(Problem.linear_prediction, problems))
 
 
-def finish(base: Fit, ranked: Sequence[Fit], parts: Sequence[Part],
+def fit_to_convergence(base: Fit, ranked: Sequence[Fit], parts: Sequence[Part],
            most_error: float = math.inf) -> list[Alternative]:
     """Fit the best to convergence, refine their last effects, and rank all of them.
 

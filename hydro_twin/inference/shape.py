@@ -68,12 +68,12 @@ def free_curves(fit: Fit, placed: Placed, seen: Sequence[Passing], name: str) ->
     t = np.concatenate(target)
     X = np.hstack([np.concatenate(columns), block_diag(*starts)])
     X, size, covariance, found = _least_squares(X, t)
-    missed, pulls = t - X @ found, []
+    residual, pulls = t - X @ found, []
     for begin in range(0, len(t), BLOCK):
         block = X[begin:begin + BLOCK]
         others = np.eye(len(block)) - block @ covariance @ block.T
         pulls.append(block.T @ np.linalg.pinv(others, rcond=1e-6, hermitian=True)
-                     @ missed[begin:begin + BLOCK])
+                     @ residual[begin:begin + BLOCK])
     spread = covariance @ (np.transpose(pulls) @ np.array(pulls)) @ covariance
     count = columns[0].shape[1]
     curve, error = (found / size)[:count], (np.sqrt(np.diag(spread)) / size)[:count]

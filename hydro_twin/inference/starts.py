@@ -12,7 +12,7 @@ from hydro_twin.fitting.fit import Fit
 from hydro_twin.fitting.horizon import between_ends
 from hydro_twin.fitting.output_error import initial_states, residuals_from, size_of
 from hydro_twin.fitting.parts import Part
-from hydro_twin.inference.screen import places, Prospect, spans
+from hydro_twin.inference.screen import places, ScoredEffect, spans
 from hydro_twin.inference.structure import drift, drifting, drifts
 from hydro_twin.model import Model, place
 from hydro_twin.parallel import in_processes
@@ -75,7 +75,7 @@ def with_each(linear: Model, parts: Sequence[Part]) -> list[Model]:
             for values in effect.starts(reach[port])]
 
 
-def nearest(models: Sequence[Model], parts: Sequence[Part]) -> list[Model]:
+def best_start_of_each(models: Sequence[Model], parts: Sequence[Part]) -> list[Model]:
     """Add each effect at each port to the model, and from the start, of the lowest error."""
     best: dict[tuple[str, str], tuple[float, Model]] = {}
     for model in models:
@@ -104,13 +104,13 @@ def relocated(candidate: Model, parts: Sequence[Part]) -> list[Model]:
     return moved
 
 
-def shortlist(prospects: Sequence[Prospect], most: int) -> list[Placed]:
+def shortlist(prospects: Sequence[ScoredEffect], most: int) -> list[Placed]:
     """Take the effects of the best scores, each from its best start.
 
     The first few from the second, too, and from the best made as strong as the residual says: a
     law that is far too strong at its start moves the output so far that no search leads back.
     """
-    effects: dict[tuple[str, str, str], list[Prospect]] = {}
+    effects: dict[tuple[str, str, str], list[ScoredEffect]] = {}
     for prospect in prospects:
         placed = prospect.placed
         effects.setdefault((placed.effect.id, placed.port.name, placed.port.kind), []).append(

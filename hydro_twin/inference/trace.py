@@ -16,7 +16,6 @@ from hydro_twin.fitting.outputs import sensors_in
 from hydro_twin.fitting.parts import least_samples, Part, parts_of, thin, with_travel
 from hydro_twin.fitting.port_signals import predicted_by_ports
 from hydro_twin.fitting.whiteness import is_white
-from hydro_twin.inference.chain import finely, FINEST, WORTH
 from hydro_twin.inference.context import Context
 from hydro_twin.inference.curve import FittedCurve
 from hydro_twin.inference.determined import without_undetermined
@@ -25,11 +24,11 @@ from hydro_twin.inference.evidence import Evidence
 from hydro_twin.inference.excerpt import excerpt, harmless_factor, resampled
 from hydro_twin.inference.explanation import explain
 from hydro_twin.inference.findings import Chain, share
+from hydro_twin.inference.held_out import held_out_gain, improvement, residuals
 from hydro_twin.inference.limits import without_unreached
 from hydro_twin.inference.memory import named, remember
 from hydro_twin.inference.noise import bursts, lines, noise_floor
-from hydro_twin.inference.proof import improvement, proof, residuals
-from hydro_twin.inference.screen import hidden
+from hydro_twin.inference.screen import undetectable
 from hydro_twin.inference.select import (
     LONG,
     search,
@@ -37,6 +36,7 @@ from hydro_twin.inference.select import (
     unrefined,
     unsearched,
 )
+from hydro_twin.inference.stepwise import FINEST, LEAST_SHARE, with_fine_steps
 from hydro_twin.inference.structure import dependences, drift
 from hydro_twin.inference.weighing import best_named
 from hydro_twin.model import Model, Record
@@ -241,7 +241,7 @@ def _search(train: Recording, test: Recording, plant: Plant,
         depends_on=tuple(dependences(after, fine)), drifts=drift(after, fine),
         by_ports=predicted_by_ports(after, fine), found=found,
         best_named=best_named(replaced, others) if found and replaced else None)
-    return traced if traced.fails else replace(traced, hidden=tuple(hidden(after, fine)))
+    return traced if traced.fails else replace(traced, hidden=tuple(undetectable(after, fine)))
 
 
 def _times(parts: Sequence[Part], sample_time: float) -> tuple[float, float]:
@@ -266,8 +266,9 @@ def _on_all(found: FittedCurve, after: Fit, sample_time: float, parts: Sequence[
             held_out: Sequence[Part], seed: int) -> FittedCurve | None:
     """Fit a curve to all samples; None if it does not help on the held-out ones."""
     fit = _as_recorded(found.fit, sample_time, parts)
-    helps = proof(after, fit, whitened(held_out, after) if after.whitened else held_out, seed)
-    return replace(found, fit=fit, proof=helps) if helps.low > 0.0 else None
+    white = whitened(held_out, after) if after.whitened else held_out
+    helps = held_out_gain(after, fit, white, seed)
+    return replace(found, fit=fit, gain=helps) if helps.low > 0.0 else None
 
 
 def _as_recorded(fit: Fit, sample_time: float, parts: Sequence[Part]) -> Fit:
@@ -286,5 +287,5 @@ def _as_recorded(fit: Fit, sample_time: float, parts: Sequence[Part]) -> Fit:
         fine = search(candidate, parts, FURTHER)
     else:
         refined, fine = search_all([candidate, simple], parts, FURTHER)
-        fine = refined if share(fine, refined) > WORTH else fine
-    return finely(fine, parts, FINEST) if fine.candidate.effects else fine
+        fine = refined if share(fine, refined) > LEAST_SHARE else fine
+    return with_fine_steps(fine, parts, FINEST) if fine.candidate.effects else fine

@@ -11,7 +11,6 @@ from hydro_twin.fitting.fit import Fit
 from hydro_twin.fitting.parts import Part
 from hydro_twin.fitting.port_signals import PREDICTED, predicted_by_ports
 from hydro_twin.fitting.whiteness import is_white
-from hydro_twin.inference.chain import ENOUGH
 from hydro_twin.inference.context import Context
 from hydro_twin.inference.criterion import CLEARLY, criterion
 from hydro_twin.inference.curve import (
@@ -23,9 +22,10 @@ from hydro_twin.inference.curve import (
     outweighs,
 )
 from hydro_twin.inference.findings import Chain, explained_share, finding, other_findings
-from hydro_twin.inference.proof import proof, residuals
+from hydro_twin.inference.held_out import held_out_gain, residuals
 from hydro_twin.inference.reading import readings
 from hydro_twin.inference.select import HOPELESS, LONG, search, search_all
+from hydro_twin.inference.stepwise import ENOUGH
 from hydro_twin.inference.structure import free_curves, shows
 from hydro_twin.predictors.scores import rms
 from hydro_twin.result import BestNamed, Dependence
@@ -64,7 +64,7 @@ def with_curve(chain: Chain, base: Fit, context: Context
     if not found:
         return chain, None, None
     read = read_as_names(chain, found, base, context)
-    return (read, None, None) if read else (*_still_needed(chain, found, context), None)
+    return (read, None, None) if read else (*_without_needless(chain, found, context), None)
 
 
 def read_as_names(chain: Chain, found: FittedCurve, base: Fit, context: Context) -> Chain | None:
@@ -90,7 +90,8 @@ def read_as_names(chain: Chain, found: FittedCurve, base: Fit, context: Context)
         bare = ([base] if len(laws) == len(fit.candidate.effects) == 1 else
                 context.without(fit, laws))
         if all(explained_share(without, fit) > ENOUGH
-               and proof(without, fit, held_out, context.seed).low > 0.0 for without in bare):
+               and held_out_gain(without, fit, held_out, context.seed).low > 0.0
+               for without in bare):
             return Chain(fit, (*chain.findings, *(
                 finding(without, fit, _in_place_of(k, fit, tried), k)
                 for k, without in zip(laws, bare, strict=True))))
@@ -126,7 +127,8 @@ def _contested(chain: Chain, parts: Sequence[Part], curves: Sequence[Dependence]
                                                      at_first) for curve in at_first[:1])
 
 
-def _still_needed(chain: Chain, found: FittedCurve, context: Context) -> tuple[Chain, FittedCurve]:
+def _without_needless(chain: Chain, found: FittedCurve, context: Context
+                      ) -> tuple[Chain, FittedCurve]:
     """Withdraw named effects that the curve contains, as a bias that is its constant part.
 
     The least helpful first. But not one that explains by itself most of what the curve would in
@@ -139,7 +141,7 @@ def _still_needed(chain: Chain, found: FittedCurve, context: Context) -> tuple[C
         with_it, without_it = criterion([found.fit, instead])
         if (without_it < with_it + CLEARLY
                 and not explains_most(without, chain.fit, instead)):
-            helps = proof(without, instead, context.held_out, context.seed)
-            return _still_needed(Chain(without, other_findings(chain, k)),
-                                 replace(found, fit=instead, proof=helps), context)
+            helps = held_out_gain(without, instead, context.held_out, context.seed)
+            return _without_needless(Chain(without, other_findings(chain, k)),
+                                 replace(found, fit=instead, gain=helps), context)
     return chain, found

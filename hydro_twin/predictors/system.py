@@ -230,25 +230,25 @@ class System:
         for k, some in groupby(every, key=lambda one: one[0]):
             yield k, np.array([one[1:] for one in some])
 
-    def kept(self, inputs: FloatArray, x: FloatArray) -> FloatArray:
-        """Return between what the effects may keep at the starts of K runs, (K, memory, 2).
+    def memory_edges(self, inputs: FloatArray, x: FloatArray) -> FloatArray:
+        """Return between what the memory of the effects may be as K runs begin, (K, memory, 2).
 
-        What hangs behind, as the follower of a play, may be anywhere between two edges, to which
-        its law takes what is beyond. What an implicit effect keeps is over soon: zero.
+        The follower of a play may be anywhere between two edges, to which its law takes what is
+        beyond. The memory of an implicit effect fades at once: zero.
 
         Args:
             inputs: of the first sample of each run, (K, m).
             x: its state, (K, n).
         """
-        kept = [effect['z_begin'] for effect in self.step.effects
-                if effect['z_end'] > effect['z_begin'] and not effect['implicit']]
+        lasting = [effect['z_begin'] for effect in self.step.effects
+                   if effect['z_end'] > effect['z_begin'] and not effect['implicit']]
         edges = np.zeros((len(x), self.memory, 2))
-        if kept:
+        if lasting:
             for side, beyond in enumerate((-BEYOND, BEYOND)):
                 z = np.zeros((len(x), self.memory))
-                z[:, kept] = beyond
+                z[:, lasting] = beyond
                 kernel.output_each(self.step, x, z, self.work(), inputs, np.empty(len(x)))
-                edges[:, kept, side] = z[:, kept]
+                edges[:, lasting, side] = z[:, lasting]
         return edges
 
 

@@ -117,7 +117,8 @@ def test_at_rest_nothing_is_gained_or_lost(port, name, p):
     linear = assemble(PLANT, VALUES, [], T).run(np.tile([0.2, 0.01], (8000, 1)), np.zeros(4))[-1]
     x = system.start(still[0], linear)
     np.testing.assert_allclose(system.run(still, x), linear, rtol=1e-6)
-    assert np.ptp(system.kept(still[:1], x[None])[0], axis=1) == pytest.approx(0.0, abs=1e-12)
+    edges, = system.memory_edges(still[:1], x[None])
+    assert np.ptp(edges, axis=1) == pytest.approx(0.0, abs=1e-12)
 
 
 @pytest.mark.parametrize('port', ['command', 'sensor'])

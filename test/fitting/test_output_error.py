@@ -1,4 +1,4 @@
-"""The state at which a run starts, against the state that made the data."""
+"""Initial states of runs, against the states that made the data."""
 from __future__ import annotations
 
 from dataclasses import replace
@@ -6,10 +6,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from hydro_twin.fitting.elimination import eliminate, eliminate_with_reruns
+from hydro_twin.fitting.initial_states import InitialStates
 from hydro_twin.fitting.output_error import initial_states, residuals
 from hydro_twin.fitting.parts import Part, parts_of
 from hydro_twin.fitting.problem import Problem
-from hydro_twin.fitting.start import eliminate_starts, Starts, without_starts
 from hydro_twin.fitting.unknowns import effect_unknowns, plant_unknowns
 from hydro_twin.model import Model, place
 from hydro_twin.plants import plant_named
@@ -41,7 +42,7 @@ def test_a_part_that_begins_in_motion_starts_in_motion(effects, velocity):
     assert residuals(candidate, [part])[0] == pytest.approx(0.0, abs=0.01 * np.ptp(part.measured))
 
 
-def test_a_part_whose_first_samples_turn_back_starts_where_it_did():
+def test_the_initial_state_is_found_where_the_motion_turns_back_in_the_first_samples():
     """Where friction turns, too, no small change of the velocity tells anything."""
     plant = plant_named('positioning')
     model = Model(plant, {'M': 1.0, 'F_v': 3.0}, 1e-3,
@@ -80,14 +81,14 @@ def shaft(*effect):
 def test_a_cut_through_the_motion(effect):
     """The laws change with the side of a gap, or hang on what was before the cut."""
     candidate, recorded = shaft(*effect)
-    missed = []
+    errors = []
     for begin in range(100, len(recorded) - 150, 50):
         part, = parts_of(Recording((recorded.part(begin, begin + 150),)), candidate.plant)
-        missed.append(np.sqrt(np.mean(residuals(candidate, [part])[0]**2)) / np.std(part.measured))
-    assert np.quantile(missed, 0.9) < 0.002
+        errors.append(rms(residuals(candidate, [part])[0]) / np.std(part.measured))
+    assert np.quantile(errors, 0.9) < 0.002
 
 
-def test_the_starts_of_parts_are_those_of_each_by_itself():
+def test_the_initial_states_of_parts_are_those_of_each_by_itself():
     """They are searched together, whatever their lengths, and which of them need a search."""
     candidate, recorded = shaft('backlash', 'coupling', {'gap': 3e-3})
     parts = [part for begin, length in ((100, 150), (1203, 400), (2306, 110))
@@ -100,18 +101,18 @@ def test_the_starts_of_parts_are_those_of_each_by_itself():
         assert together.z[k] == pytest.approx(alone.z[0], rel=1e-9, abs=1e-300)
 
 
-def test_a_start_that_still_does_is_kept_and_another_is_searched_anew():
+def test_an_initial_state_that_still_fits_is_kept_and_another_is_searched_again():
     candidate = axis(('friction', 'motor', {'coulomb': 20.0}))
     part = run_from(candidate, [0.1, 0.2])
     found = initial_states(candidate, [part])
     kept = initial_states(candidate, [part], found)
     assert (kept.x == found.x).all()
-    far = replace(found, x=found.x + np.array([0.0, 0.1]), missed=np.array([1e-9]))
+    far = replace(found, x=found.x + np.array([0.0, 0.1]), rms=np.array([1e-9]))
     anew = initial_states(candidate, [part], far)
     assert anew.x[0] == pytest.approx(found.x[0], rel=1e-6)
 
 
-def test_within_a_gap_the_start_is_told_by_the_side_that_is_met():
+def test_within_a_gap_the_initial_state_is_shown_by_the_side_that_is_met():
     """A tenth of a second at rest in the gap shows nothing of where in it."""
     candidate, recorded = shaft('backlash', 'coupling', {'gap': 3e-3})
     still = 120
@@ -130,41 +131,41 @@ def one_part(samples):
     return np.array([[0, 50, samples]])
 
 
-def test_states_that_the_first_samples_do_not_tell_apart_are_left_alone():
+def test_states_that_the_first_samples_do_not_distinguish_stay():
     """As those of a plant at an end stop: the start is met exactly, and nothing later."""
-    missed = np.concatenate([np.full(50, 1e-9), np.linspace(1.0, 2.0, 100)])
-    rest = without_starts(missed, np.ones((150, 2)), np.ones(2), one_part(150)).residual
-    np.testing.assert_allclose(rest, missed[50:], rtol=1e-6)
+    residual = np.concatenate([np.full(50, 1e-9), np.linspace(1.0, 2.0, 100)])
+    rest = eliminate(residual, np.ones((150, 2)), np.ones(2), one_part(150)).residual
+    np.testing.assert_allclose(rest, residual[50:], rtol=1e-6)
 
 
-def test_what_an_effect_keeps_explains_no_more_than_it_has_room_for():
+def test_the_memory_of_an_effect_changes_within_its_margins():
     """A drift of the output is not that of a narrow play which starts far outside of its edges."""
     ramp = np.linspace(0.0, 1.0, 200)
-    by_start = np.column_stack([np.ones(200), 50.0 * ramp])      # a state, and a memory
-    missed = 3.0 * ramp                                          # as of a memory of 0.06
-    free = without_starts(missed, by_start, np.ones(1), one_part(200))
+    by_state = np.column_stack([np.ones(200), 50.0 * ramp])      # a state, and a memory
+    residual = 3.0 * ramp                                        # as of a memory of 0.06
+    free = eliminate(residual, by_state, np.ones(1), one_part(200))
     assert rms(free.residual) < 1e-3
     assert free.change[0, 1] == pytest.approx(0.06, rel=1e-3)
-    narrow = without_starts(missed, by_start, np.ones(1), one_part(200),
-                            room=np.array([[[-0.01, 0.02]]]))
+    narrow = eliminate(residual, by_state, np.ones(1), one_part(200),
+                       margins=np.array([[[-0.01, 0.02]]]))
     assert narrow.change[0, 1] == pytest.approx(0.02)
-    left = (missed - 1.0 * ramp)[50:]                            # 50 * 0.02 is explained
+    left = (residual - 1.0 * ramp)[50:]                          # 50 * 0.02 is explained
     assert rms(narrow.residual) <= rms(left)
     assert rms(narrow.residual) > 0.5 * rms(left)
-    wide = without_starts(missed, by_start, np.ones(1), one_part(200),
-                          room=np.array([[[-0.1, 0.1]]]))
+    wide = eliminate(residual, by_state, np.ones(1), one_part(200),
+                     margins=np.array([[[-0.1, 0.1]]]))
     np.testing.assert_allclose(wide.residual, free.residual, atol=1e-12)
 
 
-def test_a_memory_at_its_edge_moves_with_no_parameter():
+def test_a_memory_at_its_edge_follows_no_parameter():
     """What other unknowns do to the output is then not explained by it either."""
     ramp = np.linspace(0.0, 1.0, 200)
-    by_start, others = (50.0 * ramp)[:, None], (2.0 * ramp)[:, None]
-    room = np.array([[[-0.01, 0.02]]])
-    held = without_starts(3.0 * ramp, by_start, np.zeros(0), one_part(200), others, room=room)
-    np.testing.assert_allclose(held.slopes, others[50:])
-    free = without_starts(0.5 * ramp, by_start, np.zeros(0), one_part(200), others, room=room)
-    assert rms(free.slopes) < 1e-3
+    by_state, others = (50.0 * ramp)[:, None], (2.0 * ramp)[:, None]
+    margins = np.array([[[-0.01, 0.02]]])
+    held = eliminate(3.0 * ramp, by_state, np.zeros(0), one_part(200), others, margins=margins)
+    np.testing.assert_allclose(held.jacobian, others[50:])
+    free = eliminate(0.5 * ramp, by_state, np.zeros(0), one_part(200), others, margins=margins)
+    assert rms(free.jacobian) < 1e-3
 
 
 def test_a_narrow_hysteresis_is_no_drift_of_a_valve_at_rest():
@@ -184,44 +185,44 @@ def test_a_narrow_hysteresis_is_no_drift_of_a_valve_at_rest():
     assert Problem(begun, unknowns, parts).solve().error > 0.8 * linear.error
 
 
-def run_sine(_parts, starts, weights):
+def run_sine(_parts, initial, weights):
     """Run y = sin(t + x), measured with x = 1.3; no single linear step finds the phase."""
     time = np.linspace(0.0, 10.0, 400)
-    phase = time + starts.x[0, 0]
-    return without_starts(np.sin(time + 1.3) - np.sin(phase), np.cos(phase)[:, None], np.ones(1),
-                          np.array([[0, 20, 400]]), np.sin(phase)[:, None], weights)
+    phase = time + initial.x[0, 0]
+    return eliminate(np.sin(time + 1.3) - np.sin(phase), np.cos(phase)[:, None], np.ones(1),
+                     np.array([[0, 20, 400]]), np.sin(phase)[:, None], weights)
 
 
-SINE = Starts(np.array([[1.0]]), np.empty((1, 0)), np.empty((1, 0, 2)), np.ones(1))
+SINE = InitialStates(np.array([[1.0]]), np.empty((1, 0)), np.empty((1, 0, 2)), np.ones(1))
 
 
-def test_a_start_that_is_moved_far_is_eliminated_once_more_from_there():
+def test_a_part_is_run_again_after_a_large_change_of_its_initial_state():
     once = run_sine(np.arange(1), SINE, None)
-    left, moved = eliminate_starts(run_sine, SINE)
+    left, moved = eliminate_with_reruns(run_sine, SINE)
     assert rms(left.residual) < 0.05 * rms(once.residual)
     assert moved.x[0, 0] == pytest.approx(1.3, abs=0.05)
     np.testing.assert_array_equal(left.residual, run_sine(np.arange(1), moved, left.weights)[0])
 
 
-def test_in_a_search_the_residual_stays_what_elimination_promises():
-    """The derivatives and the start are those of a second run."""
-    promised = run_sine(np.arange(1), SINE, None)
-    left, moved = eliminate_starts(run_sine, SINE, in_search=True)
-    np.testing.assert_array_equal(left.residual, promised.residual)
-    assert moved.x[0, 0] == 1.0 + promised.change[0, 0]
-    again = run_sine(np.arange(1), moved, promised.weights)
-    np.testing.assert_array_equal(left.slopes, again.slopes)
-    assert not np.array_equal(again.residual, promised.residual)
+def test_in_a_search_the_residual_stays_the_predicted_one():
+    """The Jacobian and the initial state are those of a rerun."""
+    once = run_sine(np.arange(1), SINE, None)
+    left, moved = eliminate_with_reruns(run_sine, SINE, in_search=True)
+    np.testing.assert_array_equal(left.residual, once.residual)
+    assert moved.x[0, 0] == 1.0 + once.change[0, 0]
+    again = run_sine(np.arange(1), moved, once.weights)
+    np.testing.assert_array_equal(left.jacobian, again.jacobian)
+    assert not np.array_equal(again.residual, once.residual)
 
 
-def test_a_start_that_no_linear_step_explains_stays_where_it_was():
-    """Where a second run misses more than promised, the first counts."""
-    def run_from(parts, starts, weights):
-        missed = np.where(starts.x[0, 0] == 0.0, np.linspace(1.0, 2.0, 100),
+def test_an_initial_state_that_no_linear_step_improves_stays():
+    """Where a rerun has a larger residual than predicted, the first run counts."""
+    def run_from(parts, initial, weights):
+        residual = np.where(initial.x[0, 0] == 0.0, np.linspace(1.0, 2.0, 100),
                           np.random.default_rng(0).standard_normal(100) * 9.0)
-        return without_starts(missed, np.ones((100, 1)), np.ones(1), np.array([[0, 20, 100]]))
+        return eliminate(residual, np.ones((100, 1)), np.ones(1), np.array([[0, 20, 100]]))
 
-    begun = Starts(np.zeros((1, 1)), np.empty((1, 0)), np.empty((1, 0, 2)), np.ones(1))
-    left, moved = eliminate_starts(run_from, begun)
+    begun = InitialStates(np.zeros((1, 1)), np.empty((1, 0)), np.empty((1, 0, 2)), np.ones(1))
+    left, moved = eliminate_with_reruns(run_from, begun)
     np.testing.assert_array_equal(left.residual, run_from(np.arange(1), begun, None).residual)
     assert moved.x[0, 0] == 0.0

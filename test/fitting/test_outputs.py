@@ -4,9 +4,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from hydro_twin.fitting.elimination import eliminate
 from hydro_twin.fitting.outputs import Layout, Stack
 from hydro_twin.fitting.parts import Part
-from hydro_twin.fitting.start import without_starts
 
 RNG = np.random.default_rng(3)
 
@@ -45,19 +45,19 @@ def test_rows_are_what_was_measured_first_samples_first():
     assert scored == sum(map(len, expected[:2]))
 
 
-def test_starts_are_eliminated_part_by_part():
+def test_initial_states_are_eliminated_part_by_part():
     """As weighted least squares [Golub and Pereyra 1973] of each part by itself."""
     spans = np.array([[0, 10, 60], [60, 70, 90], [90, 100, 190]])
-    by_start, missed = RNG.standard_normal((190, 2)), RNG.standard_normal(190)
+    by_state, residual = RNG.standard_normal((190, 2)), RNG.standard_normal(190)
     others = RNG.standard_normal((190, 3))
-    left = without_starts(missed, by_start, np.ones(2), spans, others, np.array([1.0, 4.0, 2.0]))
+    left = eliminate(residual, by_state, np.ones(2), spans, others, np.array([1.0, 4.0, 2.0]))
     for k, (begin, scored, end) in enumerate(spans):
         root = np.where(np.arange(begin, end) < scored, [1.0, 2.0, np.sqrt(2.0)][k], 1.0)[:, None]
-        columns = np.column_stack([missed, others])[begin:end]
-        moves = np.linalg.lstsq(root * by_start[begin:end], root * columns)[0]
-        rest = (columns - by_start[begin:end] @ moves)[scored - begin:]
+        columns = np.column_stack([residual, others])[begin:end]
+        change = np.linalg.lstsq(root * by_state[begin:end], root * columns)[0]
+        rest = (columns - by_state[begin:end] @ change)[scored - begin:]
         here = slice(*left.edges[k:k + 2])
         np.testing.assert_allclose(left.residual[here], rest[:, 0], atol=1e-4)
-        np.testing.assert_allclose(left.slopes[here], rest[:, 1:], atol=1e-4)
-        np.testing.assert_allclose(left.change[k], moves[:, 0], rtol=1e-3)
-        assert left.errors[k] == pytest.approx(np.sqrt(np.mean(rest[:, 0] ** 2)), rel=1e-4)
+        np.testing.assert_allclose(left.jacobian[here], rest[:, 1:], atol=1e-4)
+        np.testing.assert_allclose(left.change[k], change[:, 0], rtol=1e-3)
+        assert left.rms[k] == pytest.approx(np.sqrt(np.mean(rest[:, 0] ** 2)), rel=1e-4)

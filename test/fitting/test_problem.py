@@ -37,8 +37,9 @@ def test_what_enters_linearly_is_predicted_exactly():
     model, part = moved(('bias', 'sensor', {'offset': 0.02}))
     problem = Problem(changed(model, 0, offset=0.0), effect_unknowns(0, model.effects[0]), [part])
     here, leaves = problem.linear_prediction()
-    assert leaves < 1e-3 * here.power
-    assert leaves == pytest.approx(problem.search(40, 1e-9).power, abs=1e-6 * here.power)
+    assert leaves < 1e-3 * here.sum_of_squares
+    found = problem.search(40, 1e-9)
+    assert leaves == pytest.approx(found.sum_of_squares, abs=1e-6 * here.sum_of_squares)
 
 
 def test_a_step_promises_no_more_than_its_bounds_allow():
@@ -46,7 +47,8 @@ def test_a_step_promises_no_more_than_its_bounds_allow():
     problem = Problem(changed(model, 0, width=1e-6), effect_unknowns(0, model.effects[0])[:1],
                       [part])
     here, leaves = problem.linear_prediction()
-    assert 0.9 * here.power < leaves <= here.power      # a factor of e makes it 3e-6
+    before = here.sum_of_squares
+    assert 0.9 * before < leaves <= before      # a factor of e makes it 3e-6
 
 
 def test_a_search_ends_where_no_step_is_better(monkeypatch):
@@ -68,7 +70,7 @@ def test_a_search_ends_where_no_step_is_better(monkeypatch):
         runs.clear()
         search = Problem(replace(wrong, substeps=2), unknowns, [part]).search(200, 1e-6)
         assert search.reason == CONVERGED
-        return search.power, len(runs)
+        return search.sum_of_squares, len(runs)
 
     power, count = found()
     monkeypatch.setattr('hydro_twin.fitting.problem.PATIENCE', 10**9)

@@ -22,9 +22,9 @@ from hydro_twin.fitting.port_signals import predicted_by_ports
 from hydro_twin.fitting.whiteness import is_white
 from hydro_twin.inference.curve import find_curve
 from hydro_twin.inference.excerpt import excerpt, harmless_factor
+from hydro_twin.inference.held_out import held_out_gain
 from hydro_twin.inference.noise import bursts, lines, noise_floor
-from hydro_twin.inference.proof import proof
-from hydro_twin.inference.screen import hidden, screen
+from hydro_twin.inference.screen import screen, undetectable
 from hydro_twin.inference.select import search
 from hydro_twin.inference.structure import dependences, drift, free_curves
 from hydro_twin.inference.trace import trace
@@ -157,7 +157,7 @@ def wrong_answers(fit, parts):
     factor = harmless_factor(fit, parts, 10**6)
     taken = thin(excerpt(parts, plant, sample_time, factor), plant, factor)
     measured = np.concatenate([whole.measured for whole in parts])
-    same = proof(fit, fit, parts, 0)
+    same = held_out_gain(fit, fit, parts, 0)
     return failed({
         'noise floor': 0.0 <= noise_floor(residuals) < np.inf,
         'whiteness': is_white(residuals) in (True, False),
@@ -202,12 +202,12 @@ def test_screening_and_curves_are_answered_too(drawn):
         assert is_share(prospect.share)
         assert 0.0 <= prospect.gain < np.inf
         assert prospect.placed.port in fit.candidate.plant.ports
-    assert all(h.id and h.port and h.says and '\n' not in h.says for h in hidden(fit, parts))
+    assert all(h.id and h.port and h.says and '\n' not in h.says for h in undetectable(fit, parts))
     found = find_curve(fit, parts, parts, [replace(curve, p_value=0.0, share=1.0)
                                            for curve in free_curves(fit, parts)], 0)
     if found is not None:
         assert found.fit.error <= fit.error
-        assert 0.0 < found.proof.low <= found.proof.relative <= found.proof.high <= 1.0
+        assert 0.0 < found.gain.low <= found.gain.relative <= found.gain.high <= 1.0
         assert np.isfinite(found.placed.values).all()
         assert all(distance >= 0.0 for _, distance in found.others)
 

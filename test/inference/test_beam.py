@@ -7,11 +7,11 @@ import pytest
 from hydro_twin.effects import EFFECTS
 from hydro_twin.fitting.parts import Part
 from hydro_twin.inference import screen
-from hydro_twin.inference.beam import widen
-from hydro_twin.inference.chain import leaves_something
+from hydro_twin.inference.beam import beam_search
 from hydro_twin.inference.context import Context
 from hydro_twin.inference.findings import Chain, finding
 from hydro_twin.inference.select import fit_alternatives, search
+from hydro_twin.inference.stepwise import is_residual_structured
 from hydro_twin.model import Model, place
 from hydro_twin.plants import plant_named
 
@@ -56,8 +56,8 @@ def few_effects(monkeypatch):
 @pytest.mark.slow
 def test_a_dead_zone_and_a_limit_are_found_where_an_offset_was():
     base, offset, context = searched(ZONE, LIMIT)
-    assert leaves_something(offset, context)
-    found = widen(offset, base, first(base, context), context)
+    assert is_residual_structured(offset, context)
+    found = beam_search(offset, base, first(base, context), context)
     assert sorted(p.effect.id for p in found.fit.candidate.effects) == ['dead_zone', 'saturation']
     assert len(found.findings) == 2
     assert found.fit.error < 1.25 * NOISE < 0.1 * offset.fit.error
@@ -66,4 +66,4 @@ def test_a_dead_zone_and_a_limit_are_found_where_an_offset_was():
 @pytest.mark.slow
 def test_what_leaves_nothing_stays_as_it_is():
     base, offset, context = searched(BIAS)
-    assert widen(offset, base, first(base, context), context) is offset
+    assert beam_search(offset, base, first(base, context), context) is offset

@@ -62,7 +62,7 @@ def stub_searches(monkeypatch, *chains):
     def grown(base, context, known):
         return base, next(ends)(base, context), []
 
-    monkeypatch.setattr(explanation, '_grown', grown)
+    monkeypatch.setattr(explanation, '_selected', grown)
     monkeypatch.setattr(explanation, 'with_curve', lambda chain, base, context:
                         (chain, None, None))
 

@@ -41,7 +41,7 @@ def test_is_the_law_but_for_a_straight_line(law, ports, shape):
     placed = found.placed
     assert placed.port.name in ports
     assert placed.effect.reads[0] in {'value', 'opening', 'twist'}
-    assert found.proof.low > 0.9
+    assert found.gain.low > 0.9
     model = found.fit.candidate
     seen = [passing(model, placed, part).signals[placed.effect.reads[0]] for part in train]
     x = np.concatenate(seen)[::20]      # as often as the rig was there

@@ -10,7 +10,7 @@ from scipy.signal import cont2discrete, dlsim
 from traced_rig import fitted, PLANT, record
 
 from benchmarks.tracing.not_quite import CASES, recording
-from hydro_twin.inference import chain
+from hydro_twin.inference import stepwise
 from hydro_twin.inference.criterion import criterion
 from hydro_twin.inference.findings import Finding
 from hydro_twin.inference.select import Alternative, search_all, simplest_first
@@ -50,7 +50,7 @@ def test_a_lag_or_a_friction_that_is_best_stays_first():
 @pytest.mark.parametrize(('rival', 'first'), [
     (DELAY, 'hysteresis'), (('dead_zone', 'command', {'width': 0.1}), 'dead_zone')])
 def test_a_delay_is_no_static_law_in_the_place_of_a_hysteresis(monkeypatch, rival, first):
-    monkeypatch.setattr(chain, 'proof', lambda *_: Improvement(0.0, -0.1, 0.1))
+    monkeypatch.setattr(stepwise, 'held_out_gain', lambda *_: Improvement(0.0, -0.1, 0.1))
 
     def left(error, *effect):
         placed = place(*effect, PLANT)
@@ -59,7 +59,7 @@ def test_a_delay_is_no_static_law_in_the_place_of_a_hysteresis(monkeypatch, riva
 
     given = [left(0.5, 'hysteresis', 'command', {'width': 0.1}), left(0.51, *rival)]
     context = SimpleNamespace(held_out=None, seed=0)
-    ordered = chain._memoryless_first(given, SimpleNamespace(error=1.0), context)
+    ordered = stepwise._memoryless_first(given, SimpleNamespace(error=1.0), context)
     assert ordered[0].id == first
 
 
@@ -67,7 +67,7 @@ def test_linear_dynamics_that_are_alike_are_no_doubt_that_they_are_missing():
     """A lag with a delay near is earned; with a friction near it is not."""
     def nearest(*rivals):
         found = Finding(0, 0.0, 0.5, tuple((place(*r, PLANT), d) for r, d in rivals))
-        return chain._nearest(found, place(*LAG, PLANT).effect)
+        return stepwise._nearest(found, place(*LAG, PLANT).effect)
 
     assert nearest((DELAY, 2.0), (MODE, 3.0), (FRICTION, 500.0)) == 500.0
     assert nearest((DELAY, 2.0), (FRICTION, 5.0)) == 5.0

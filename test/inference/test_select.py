@@ -9,13 +9,13 @@ from traced_rig import fitted, PLANT, record, VALUES
 
 from hydro_twin.fitting.output_error import free_run_error
 from hydro_twin.fitting.port_signals import observe
-from hydro_twin.inference.chain import best_interpolation
 from hydro_twin.inference.select import (
     fit_alternatives,
     refine,
     search,
 )
 from hydro_twin.inference.starts import relocated
+from hydro_twin.inference.stepwise import best_interpolation
 from hydro_twin.model import place
 from hydro_twin.predictors.system import LINEAR, signal_row
 

@@ -12,7 +12,7 @@ from hydro_twin.fitting.linear import fit_linear
 from hydro_twin.fitting.output_error import free_run
 from hydro_twin.fitting.parts import Part, parts_of
 from hydro_twin.fitting.port_signals import explained, predicted_by_ports
-from hydro_twin.inference.screen import hidden, longest, screen, spans
+from hydro_twin.inference.screen import longest_run, screen, spans, undetectable
 from hydro_twin.inference.select import LONG, search
 from hydro_twin.inference.structure import (
     dependences,
@@ -147,7 +147,7 @@ def test_the_longest_that_something_holds():
     holds = rng.random((200, 5)) < [0.0, 0.3, 0.6, 0.9, 1.0]
     by_hand = [max(len(list(run)) if value else 0 for value, run in groupby(column))
                for column in holds.T]
-    assert longest(holds).tolist() == by_hand
+    assert longest_run(holds).tolist() == by_hand
     assert by_hand[0] == 0
     assert by_hand[-1] == 200
 
@@ -186,11 +186,12 @@ def test_screening_puts_the_right_effect_first(name):
 
 def test_what_cannot_show_is_said(linear):
     fit, train, _ = linear[0]
-    said = {(h.id, h.port): h.says for h in hidden(fit, train)}
+    said = {(h.id, h.port): h.says for h in undetectable(fit, train)}
     assert 'beyond that cannot show' in said['saturation', 'spool']
     assert ('friction', 'motor') not in said
     quiet = fitted(record(amplitude=1e-5, noise=0.5, count=3))
-    assert {h.id for h in hidden(quiet[0], quiet[1])} >= {'dead_zone', 'orifice', 'asymmetry'}
+    found = {one.id for one in undetectable(quiet[0], quiet[1])}
+    assert found >= {'dead_zone', 'orifice', 'asymmetry'}
 
 
 def test_columns_that_grow_without_bound_explain_nothing():

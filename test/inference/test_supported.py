@@ -10,18 +10,18 @@ from scipy.signal import lfilter
 from traced_rig import fitted, PLANT, record
 
 from hydro_twin.fitting.output_error import residuals
-from hydro_twin.inference.chain import (
-    exchange,
-    likely,
-    simplified,
-    supported,
-)
 from hydro_twin.inference.context import Context
 from hydro_twin.inference.criterion import whitened_gain
 from hydro_twin.inference.findings import Chain, explained_share, Finding
 from hydro_twin.inference.noise import cannot_be_noise, noise_floor
 from hydro_twin.inference.select import Alternative, is_distinguishable, search, searched
-from hydro_twin.inference.settle import _proven, _without_refuted
+from hydro_twin.inference.stepwise import (
+    exchange,
+    is_significant,
+    without_indistinct,
+    without_unsupported,
+)
+from hydro_twin.inference.validation import _without_refuted, _without_unproven
 from hydro_twin.model import place
 from hydro_twin.recording.series import Recording
 from hydro_twin.result import Improvement
@@ -60,13 +60,13 @@ def names(chain):
 def test_two_that_explain_everything_are_kept(grown):
     chain, alone, context = grown(FRICTION, BIAS)
     assert explained_share(alone, chain.fit) == pytest.approx(1.0, abs=0.02)
-    assert names(supported(chain, alone, context)) == ['friction', 'bias']
+    assert names(without_unsupported(chain, alone, context)) == ['friction', 'bias']
 
 
 def test_one_beside_a_larger_one_that_is_lacking_is_dropped(grown):
     chain, alone, context = grown(BIAS)
     assert explained_share(alone, chain.fit) < 0.5
-    assert names(supported(chain, alone, context)) == []
+    assert names(without_unsupported(chain, alone, context)) == []
 
 
 @pytest.mark.parametrize(('coulomb', 'kept'), [(2.0, ['delay']), (4.0, [])])
@@ -77,7 +77,7 @@ def test_a_delay_that_leaves_more_than_noise_must_explain_nearly_all(coulomb, ke
         delay)
     assert explained_share(alone, chain.fit) > 0.7
     assert cannot_be_noise(chain.fit.by_part) == (not kept)
-    assert names(supported(chain, alone, context)) == kept
+    assert names(without_unsupported(chain, alone, context)) == kept
 
 
 @pytest.mark.slow
@@ -90,7 +90,7 @@ def test_what_coloured_noise_leaves_is_nothing_that_is_missing():
     chain, alone, context = make(FRICTION, BIAS)
     assert chain.fit.error > 2.0 * noise_floor(chain.fit.by_part)
     assert explained_share(make(FRICTION)[0].fit, chain.fit) < 0.5
-    assert names(supported(chain, alone, context)) == ['friction', 'bias']
+    assert names(without_unsupported(chain, alone, context)) == ['friction', 'bias']
 
 
 def test_data_that_were_not_fitted_are_likelier_with_what_is_there(grown):
@@ -107,10 +107,11 @@ def test_data_that_were_not_fitted_are_likelier_with_what_is_there(grown):
 def test_an_error_that_unusual_parameters_pay_for_is_no_gain_of_an_effect(grown):
     """A delay of nothing gained so, on a plant whose lag is outside its search box."""
     chain, alone, _ = grown(FRICTION, BIAS)
-    assert likely(alone, chain.fit, 0.01)
+    assert is_significant(alone, chain.fit, 0.01)
     gain = float(alone.residual @ alone.residual - chain.fit.residual @ chain.fit.residual)
     for paid, so in ((0.9, True), (1.1, False)):
-        assert likely(alone, replace(chain.fit, pulled=alone.pulled + paid * gain), 0.01) == so
+        paying = replace(chain.fit, penalty=alone.penalty + paid * gain)
+        assert is_significant(alone, paying, 0.01) == so
 
 
 @pytest.mark.slow
@@ -135,10 +136,10 @@ def test_the_best_fit_without_an_effect_is_remembered_in_the_order_of_the_chain(
 def test_an_effect_is_proven_by_the_whole_interval_of_its_improvement(grown, monkeypatch):
     """However much likelier the data are with it."""
     chain, alone, context = grown(FRICTION, BIAS)
-    assert names(_proven(chain, alone, context)) == ['friction', 'bias']
-    monkeypatch.setattr('hydro_twin.inference.settle.surer_improvement',
+    assert names(_without_unproven(chain, alone, context)) == ['friction', 'bias']
+    monkeypatch.setattr('hydro_twin.inference.validation.surer_improvement',
                         lambda before, after, seed: Improvement(0.3, -0.11, 0.65))
-    assert names(_proven(chain, alone, context)) == []
+    assert names(_without_unproven(chain, alone, context)) == []
 
 
 @pytest.mark.parametrize(('doubted', 'together', 'left'), [
@@ -151,12 +152,12 @@ def test_what_is_not_proven_stays_beside_others_if_it_hardly_fails(
     helps = iter([Improvement(0.6, 0.03, 0.9), Improvement(0.3, -0.2, 0.7),   # with both in
                   Improvement(0.8, together, 0.9),
                   *[Improvement(0.5, together, 0.8)] * 2])                    # friction only
-    module = 'hydro_twin.inference.settle'
+    module = 'hydro_twin.inference.validation'
     monkeypatch.setattr(f'{module}.surer_improvement', lambda *_: next(helps))
-    monkeypatch.setattr(f'{module}.doubt', lambda *_: doubted)
-    monkeypatch.setattr(f'{module}.grow', lambda chain, *_: chain)
+    monkeypatch.setattr(f'{module}.p_of_no_gain', lambda *_: doubted)
+    monkeypatch.setattr(f'{module}.select_forward', lambda chain, *_: chain)
     monkeypatch.setattr(f'{module}.exchange', lambda chain, context, last: chain)
-    proven = _proven(chain, alone, context)
+    proven = _without_unproven(chain, alone, context)
     assert names(proven) == left
     assert [found.doubt for found in proven.findings] == [0.0, 0.07][:len(left)]
 
@@ -180,11 +181,11 @@ def test_an_exchange_ends_where_two_laws_seem_better_in_turns(grown, monkeypatch
         return [Alternative(made(replace(without.candidate, effects=effects),
                                  0.5 * chain.fit.residual))]
 
-    module = 'hydro_twin.inference.chain'
+    module = 'hydro_twin.inference.stepwise'
     monkeypatch.setattr(Context, 'fit_alternatives', better)
     monkeypatch.setattr(Context, 'without', lambda _, fit, indices: [
         made(fit.candidate.without(k), alone.residual) for k in indices])
-    monkeypatch.setattr(f'{module}.finely', lambda fit, *_: made(
+    monkeypatch.setattr(f'{module}.with_fine_steps', lambda fit, *_: made(
         fit.candidate, chain.fit.residual))
     assert set(names(exchange(chain, context, last=True))) == {'hysteresis', 'bias'}
     assert turns == ['hysteresis', 'friction']
@@ -195,7 +196,7 @@ def test_a_dead_zone_that_shrinks_to_nothing_about_a_centre_is_a_bias(grown):
     chain, _, context = grown(shrunk, FRICTION)
     assert is_distinguishable(chain.fit, context.parts, 1)
     assert not is_distinguishable(chain.fit, context.parts, 0)
-    simple = simplified(chain, context)
+    simple = without_indistinct(chain, context)
     assert names(simple) == ['friction', 'bias']
     assert simple.indices == [0, 1]
     assert simple.fit.error < 1.01 * chain.fit.error
@@ -203,7 +204,7 @@ def test_a_dead_zone_that_shrinks_to_nothing_about_a_centre_is_a_bias(grown):
 
 def test_what_is_distinguished_stays_as_it_is(grown):
     chain, _, context = grown(FRICTION, BIAS)
-    assert simplified(chain, context) == chain
+    assert without_indistinct(chain, context) == chain
 
 
 @pytest.mark.slow
@@ -212,10 +213,10 @@ def test_after_an_effect_is_dropped_the_rest_is_chosen_again_and_grows(grown, mo
     chain, alone, context = grown(('leakage', 'leakage', {'flow': 1e-7, 'exponent': 0.5}),
                                   BIAS)
     helps = iter([-0.1, 1.0])               # of each with both in
-    module = 'hydro_twin.inference.settle'
+    module = 'hydro_twin.inference.validation'
     monkeypatch.setattr(f'{module}.surer_improvement',
                         lambda *_: Improvement(0.0, next(helps, 1.0), 1.0))
-    assert names(_proven(chain, alone, context)) == ['friction', 'bias']
+    assert names(_without_unproven(chain, alone, context)) == ['friction', 'bias']
 
 
 def test_an_effect_that_another_replaces_as_a_simpler_law_stays(grown, monkeypatch):
@@ -223,15 +224,15 @@ def test_an_effect_that_another_replaces_as_a_simpler_law_stays(grown, monkeypat
     chain, alone, context = grown(BIAS, ('hysteresis', 'command', {'width': 0.1}))
     # Of each with both in, of both together; of the one that is left, alone and together.
     helps = iter([-0.1, -0.1, -0.1, 1.0, 1.0])
-    module = 'hydro_twin.inference.settle'
+    module = 'hydro_twin.inference.validation'
     monkeypatch.setattr(f'{module}.surer_improvement',
                         lambda *_: Improvement(0.0, next(helps), 1.0))
     monkeypatch.setattr(
-        'hydro_twin.inference.chain.is_distinguishable',
+        'hydro_twin.inference.stepwise.is_distinguishable',
         lambda fit, parts, index: names(Chain(fit)) != ['hysteresis'] or index != 0)
-    monkeypatch.setattr(f'{module}.grow', lambda chain, *_: chain)
+    monkeypatch.setattr(f'{module}.select_forward', lambda chain, *_: chain)
     monkeypatch.setattr(f'{module}.exchange', lambda chain, context, last: chain)
-    assert names(_proven(chain, alone, context)) == ['bias']
+    assert names(_without_unproven(chain, alone, context)) == ['bias']
 
 
 def only_beside_a_bias(fit, _, index):
@@ -242,18 +243,18 @@ def only_beside_a_bias(fit, _, index):
 def test_both_stay_where_the_one_that_replaces_the_other_helps(grown, monkeypatch):
     chain, alone, context = grown(BIAS, ('hysteresis', 'command', {'width': 0.1}))
     helps = iter([-0.1, 1.0, -0.1])         # of each, and of both together
-    module = 'hydro_twin.inference.settle'
+    module = 'hydro_twin.inference.validation'
     monkeypatch.setattr(f'{module}.surer_improvement',
                         lambda *_: Improvement(0.0, next(helps), 1.0))
-    monkeypatch.setattr('hydro_twin.inference.chain.is_distinguishable', only_beside_a_bias)
-    assert names(_proven(chain, alone, context)) == ['bias', 'hysteresis']
+    monkeypatch.setattr('hydro_twin.inference.stepwise.is_distinguishable', only_beside_a_bias)
+    assert names(_without_unproven(chain, alone, context)) == ['bias', 'hysteresis']
 
 
 @pytest.mark.parametrize('distinguished', [True, False])
 def test_what_another_makes_up_for_only_as_a_simpler_law_is_not_needless(
         grown, monkeypatch, distinguished):
     chain, _, context = grown(BIAS, ('hysteresis', 'command', {'width': 0.1}))
-    module = 'hydro_twin.inference.chain'
+    module = 'hydro_twin.inference.stepwise'
 
     def as_good(_, fit, indices):
         candidates = [fit.candidate.without(k) for k in indices]
@@ -278,5 +279,5 @@ def test_a_rival_is_refuted_where_held_out_data_tell_as_much_as_distinguishes_la
     rival = place('bias', 'sensor', {'offset': -2.0}, PLANT), 1.0
     friction, bias = chain.findings
     chain = replace(chain, findings=(friction, replace(bias, rivals=(rival,))))
-    monkeypatch.setattr('hydro_twin.inference.settle.surer_improvement', lambda *_: gain)
+    monkeypatch.setattr('hydro_twin.inference.validation.surer_improvement', lambda *_: gain)
     assert _without_refuted(chain, context).findings[1].rivals == (() if refuted else (rival,))

@@ -1,4 +1,4 @@
-"""The loop: effects added one after another, until nothing more earns its place."""
+"""Forward selection of effects, with an exchange of earlier ones after each."""
 from __future__ import annotations
 
 from collections.abc import Container, Iterator, Sequence
@@ -25,8 +25,8 @@ from hydro_twin.inference.findings import (
     share,
     TRIED,
 )
+from hydro_twin.inference.held_out import held_out_gain, residuals
 from hydro_twin.inference.noise import cannot_be_noise
-from hydro_twin.inference.proof import proof, residuals
 from hydro_twin.inference.select import (
     Alternative,
     fit_alternatives,
@@ -42,13 +42,13 @@ from hydro_twin.predictors.scores import rms
 from hydro_twin.predictors.system import HOLD, LINEAR
 from hydro_twin.result import NEAR
 
-MOST = 3                # effects in a model
-LEVEL = 1e-3            # significance, corrected for all that was tried
-WORTH = 0.01            # least share of the mean square error that the first effect takes off
-MORE = 0.06             # and each after it, unless it settles what is left
+MOST_EFFECTS = 3                # effects in a model
+SIGNIFICANCE = 1e-3            # significance, corrected for all that was tried
+LEAST_SHARE = 0.01      # of the mean square error that the first effect removes
+LEAST_SHARE_LATER = 0.06    # and each after it, unless it explains all that is left
 FINE = 0.2              # largest error of the time stepping, as a share of the residual
-STEPPING = 0.5          # the same from which it may be all of the residual: as halving goes on, it
-#                         adds up to twice as much
+DISCRETISATION = 0.5    # the same from which it may be all of the residual: with further halving
+#                         it adds up to twice as much
 FINE_ENOUGH, FINEST = 8, 16     # steps in a sample, while a model grows and in the end
 ROUNDS = 8              # most rounds of adding an effect
 LATER, AGAIN = 8, 4     # effects fitted in full after the first round, and for an exchange
@@ -62,9 +62,9 @@ RIVALS = 1.5            # error over that of the effect in place: what leaves mo
 #                         evaluations is no rival to it
 
 
-def grow(chain: Chain, alternatives: Sequence[Alternative], context: Context,
+def select_forward(chain: Chain, alternatives: Sequence[Alternative], context: Context,
          refuted: Container[str] = ()) -> Chain:
-    """Add the best effect, then the best of each further round, while they are likely.
+    """Add the best effect, then the best of each further round, while they are significant.
 
     Held-out data judge the whole model: beside a second effect that is still missing, the first
     may not improve them.
@@ -86,17 +86,18 @@ def grow(chain: Chain, alternatives: Sequence[Alternative], context: Context,
         fit = without_last(chain.fit, first.fit, context.parts)
         context.remember(fit)
         chain = replace(chain, fit=fit)
-        if not likely(fit, first.fit, WORTH):
+        if not is_significant(fit, first.fit, LEAST_SHARE):
             break
         found = best_finding(fit, ranked)
         if chain.findings and not _earned(found, fit, first, context.parts):
             break
-        better = finely(first.fit, context.parts, FINE_ENOUGH)
+        better = with_fine_steps(first.fit, context.parts, FINE_ENOUGH)
         better = best_interpolation(better, context.parts)
         context.remember(better)
         chain = exchange(Chain(better, (*chain.findings, found)), context)
-        chain = simplified(refined(chain, chain.findings[:-1], context), context)
-        if len(chain.findings) == MOST or is_stepping(chain.fit, context.parts):
+        chain = without_indistinct(refined(chain, chain.findings[:-1], context), context)
+        if (len(chain.findings) == MOST_EFFECTS
+                or is_discretisation_error(chain.fit, context.parts)):
             break
         alternatives = context.fit_alternatives(chain.fit, LATER)
     return chain
@@ -123,7 +124,7 @@ def _memoryless_first(alternatives: Sequence[Alternative], base: Fit, context: C
             base.error**2 - first.fit.error**2)
         static = rival.placed.effect.memory == 0 and not rival.placed.effect.dynamic
         if static and enough:
-            helps = proof(rival.fit, first.fit, context.held_out, context.seed)
+            helps = held_out_gain(rival.fit, first.fit, context.held_out, context.seed)
             if not helps.low > 0.0:
                 return [rival, *(one for one in alternatives if one is not rival)]
     return list(alternatives)
@@ -140,7 +141,7 @@ def _earned(found: Finding, without: Fit, added: Alternative, parts: Sequence[Pa
     nearest = _nearest(found, added.placed.effect)
     if nearest < CLEARLY and found.share < ENOUGH:
         return False
-    if found.share > MORE:
+    if found.share > LEAST_SHARE_LATER:
         return True
     before, after = criterion([without, added.fit])
     white = is_white(added.fit.by_part) and not parts[0].filters
@@ -157,7 +158,7 @@ def refined(chain: Chain, findings: Sequence[Finding], context: Context) -> Chai
     return chain
 
 
-def simplified(chain: Chain, context: Context) -> Chain:
+def without_indistinct(chain: Chain, context: Context) -> Chain:
     """Put another effect in the place of each that is no longer distinguished from a simpler one.
 
     Beside a later effect a dead zone may shrink to nothing about a centre, and so be a bias.
@@ -172,7 +173,7 @@ def simplified(chain: Chain, context: Context) -> Chain:
         bare = unsearched(chain.fit.candidate.without(found.index), context.parts)
         alternatives = fit_alternatives(bare, context.parts, context.times, AGAIN, False,
                                         context.progress)
-        if alternatives and likely(without, alternatives[0].fit, WORTH):
+        if alternatives and is_significant(without, alternatives[0].fit, LEAST_SHARE):
             chain = Chain(alternatives[0].fit, (*rest, best_finding(without, alternatives)))
         else:
             chain = Chain(without, rest)
@@ -194,18 +195,18 @@ def without_last(base: Fit, better: Fit, parts: Sequence[Part]) -> Fit:
     return min(base, search(better.candidate.without(-1), parts, LONG), key=lambda fit: fit.cost)
 
 
-def likely(before: Fit, after: Fit, worth: float) -> bool:
+def is_significant(before: Fit, after: Fit, worth: float) -> bool:
     """Whether an effect is significant and removes the least share of the training error.
 
     And lowers what the fits minimise: an error that is smaller only because the parameters have
     left their usual values further is not the effect's doing. A delay can be fitted so, since
     it takes the place of the timing.
     """
-    return (after.cost < before.cost and gain_p_value(before, after, TRIED) < LEVEL
+    return (after.cost < before.cost and gain_p_value(before, after, TRIED) < SIGNIFICANCE
             and share(before, after) > worth)
 
 
-def supported(chain: Chain, without: Fit, context: Context) -> Chain:
+def without_unsupported(chain: Chain, without: Fit, context: Context) -> Chain:
     """Drop effects that explain too little of the residual without them, if structure remains.
 
     An effect that explains only a part is not the one that is missing. Half is enough; but not of
@@ -219,7 +220,7 @@ def supported(chain: Chain, without: Fit, context: Context) -> Chain:
     """
     if not chain.findings:
         return chain
-    least = ENOUGH if leaves_something(chain, context) else 0.0
+    least = ENOUGH if is_residual_structured(chain, context) else 0.0
     of_dynamics = NEARLY_ALL if cannot_be_noise(chain.fit.by_part) else least
     needed = [of_dynamics if chain.fit.candidate.effects[k].effect.dynamic else least
               for k in chain.indices]
@@ -231,10 +232,10 @@ def supported(chain: Chain, without: Fit, context: Context) -> Chain:
     worst = int(np.argmin(spare))
     if spare[worst] >= 0.0:
         return chain
-    return supported(Chain(bare[worst], other_findings(chain, worst)), without, context)
+    return without_unsupported(Chain(bare[worst], other_findings(chain, worst)), without, context)
 
 
-def leaves_something(chain: Chain, context: Context) -> bool:
+def is_residual_structured(chain: Chain, context: Context) -> bool:
     """Whether the residual cannot be noise.
 
     The port signals or time predict it, or it is larger on held-out data. That it is larger than
@@ -258,15 +259,16 @@ def _nearest(found: Finding, effect: Effect) -> float:
                 and not (effect.dynamic and rival.effect.dynamic)), default=np.inf)
 
 
-def finely(fit: Fit, parts: Sequence[Part], finest: int) -> Fit:
+def with_fine_steps(fit: Fit, parts: Sequence[Part], finest: int) -> Fit:
     """Shorten the steps until halving them changes the output little, then fit again."""
     candidate = fit.candidate
-    while candidate.substeps < finest and halving(candidate, parts) >= FINE * fit.error:
+    while (candidate.substeps < finest
+           and step_halving_change(candidate, parts) >= FINE * fit.error):
         candidate = replace(candidate, substeps=2 * candidate.substeps)
     return fit if candidate is fit.candidate else search(candidate, parts, LONG)
 
 
-def halving(candidate: Model, parts: Sequence[Part]) -> float:
+def step_halving_change(candidate: Model, parts: Sequence[Part]) -> float:
     """Say by how much half as long steps change the output, RMS, whitened."""
     finer = replace(candidate, substeps=2 * candidate.substeps)
     starts = initial_states(candidate, parts)
@@ -275,12 +277,12 @@ def halving(candidate: Model, parts: Sequence[Part]) -> float:
         parts, now, then, strict=True)]))
 
 
-def is_stepping(fit: Fit, parts: Sequence[Part]) -> bool:
+def is_discretisation_error(fit: Fit, parts: Sequence[Part]) -> bool:
     """Whether what is left is no more than the error of the time steps.
 
     As of a simulation without noise; no law is to be found in it.
     """
-    return halving(fit.candidate, parts) > STEPPING * fit.error
+    return step_halving_change(fit.candidate, parts) > DISCRETISATION * fit.error
 
 
 def best_interpolation(fit: Fit, parts: Sequence[Part]) -> Fit:
@@ -294,7 +296,7 @@ def best_interpolation(fit: Fit, parts: Sequence[Part]) -> Fit:
     timing = dict.fromkeys(candidate.timing, 0.0)
     otherwise = search(replace(candidate, interpolation=other, timing=timing), parts, LONG)
     now, then = criterion([fit, otherwise])
-    return otherwise if then < now - CLEARLY and share(fit, otherwise) > WORTH else fit
+    return otherwise if then < now - CLEARLY and share(fit, otherwise) > LEAST_SHARE else fit
 
 
 def exchange(chain: Chain, context: Context, last: bool = False,
@@ -318,7 +320,7 @@ def exchange(chain: Chain, context: Context, last: bool = False,
         placed = chain.fit.candidate.effects[found.index]
         (without,), rest = context.without(chain.fit, [found.index]), other_findings(chain, k)
         with_it, bare = criterion([chain.fit, without])
-        needless = bare < with_it + CLEARLY or share(without, chain.fit) < WORTH
+        needless = bare < with_it + CLEARLY or share(without, chain.fit) < LEAST_SHARE
         if needless and next(indistinct(without, context.parts, rest), None) is None:
             return exchange(Chain(without, rest), context, last, left)
         alternatives = context.fit_alternatives(without, AGAIN, RIVALS * chain.fit.error)
@@ -326,7 +328,7 @@ def exchange(chain: Chain, context: Context, last: bool = False,
         if (alternatives and scores[1] < scores[0] - CLEARLY
                 and effects_of(alternatives[0].fit.candidate) not in left):
             instead = best_finding(without, alternatives)
-            better = finely(alternatives[0].fit, context.parts, FINE_ENOUGH)
+            better = with_fine_steps(alternatives[0].fit, context.parts, FINE_ENOUGH)
             return exchange(Chain(better, (*rest, instead)), context, last, left)
         others = [c for c in alternatives
                   if (c.id, c.placed.port) != (placed.effect.id, placed.port)]

@@ -1,4 +1,4 @@
-"""Proof on data that was not fitted: the improvement, with an interval by blocks."""
+"""The improvement on held-out data, with an interval by block bootstrap."""
 from __future__ import annotations
 
 from collections.abc import Sequence
@@ -12,7 +12,7 @@ from hydro_twin.fitting.parts import Part
 from hydro_twin.predictors.kernel import LIMIT
 from hydro_twin.result import Improvement
 
-BLOCK = 50              # samples, longer than the memory of the plants' errors
+BLOCK = 50              # samples, longer than the correlation of the residuals
 # Most blocks: as many determine an interval well enough. Of a longer recording the blocks are
 # longer, and so allow for errors that change slowly, as those of a rig at 1 kHz do.
 BLOCKS = 50
@@ -24,13 +24,13 @@ def improvement(before: Sequence[FloatArray], after: Sequence[FloatArray], seed:
     """Compare two sets of residuals on the same samples by their mean squares.
 
     Blocks of samples are drawn with replacement, both residuals together, so that the interval
-    allows for their memory and for their likeness [Kuensch 1989]. A run that diverged counts as
-    an error of `LIMIT` from there on.
+    allows for their autocorrelation and their correlation [Kuensch 1989]. A run that diverged
+    counts as an error of `LIMIT` from there on.
     """
     return _interval(*_relative(before, after, seed))
 
 
-def doubt(before: Sequence[FloatArray], after: Sequence[FloatArray], seed: int) -> float:
+def p_of_no_gain(before: Sequence[FloatArray], after: Sequence[FloatArray], seed: int) -> float:
     """Return the probability that the mean square error became no smaller."""
     _, drawn = _relative(before, after, seed)
     return float(np.mean(drawn <= 0.0))
@@ -101,14 +101,14 @@ def _bounded(error: FloatArray) -> FloatArray:
 
 
 def residuals(fit: Fit, held_out: Sequence[Part]) -> list[FloatArray]:
-    """Return what is missed of parts that were not fitted, but for what their starts missed.
+    """Return the residuals of held-out parts, their initial states fitted to all of each part.
 
-    Where a plant integrates, the error of a start that 50 samples show may be most of what is
-    missed later. It says nothing of the laws.
+    Where a plant integrates, the error of an initial state estimated from 50 samples may be most
+    of the residual. It says nothing of the laws.
     """
     return fitted_residuals(fit.candidate, held_out)
 
 
-def proof(before: Fit, after: Fit, held_out: Sequence[Part], seed: int) -> Improvement:
-    """Compare what the laws of two fits leave on parts that neither was fitted to."""
+def held_out_gain(before: Fit, after: Fit, held_out: Sequence[Part], seed: int) -> Improvement:
+    """Compare the residuals of two fits on held-out parts."""
     return surer_improvement(residuals(before, held_out), residuals(after, held_out), seed)

@@ -1,4 +1,4 @@
-"""What stays of a model that has grown, by held-out data, and what else may be in its place."""
+"""Validation of the selected effects on held-out data, and other laws in their places."""
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
@@ -7,23 +7,28 @@ from dataclasses import replace
 from hydro_twin.effects import Placed
 from hydro_twin.fitting.autoregression import effective_samples
 from hydro_twin.fitting.fit import Fit
-from hydro_twin.inference.chain import (
-    exchange,
-    grow,
-    indistinct,
-    LATER,
-    MORE,
-    MOST,
-    refined,
-    simplified,
-)
 from hydro_twin.inference.context import Context
 from hydro_twin.inference.criterion import CLEARLY, criterion
 from hydro_twin.inference.findings import Chain, finding, other_findings, share
-from hydro_twin.inference.proof import doubt, proof, residuals, surer_improvement
+from hydro_twin.inference.held_out import (
+    held_out_gain,
+    p_of_no_gain,
+    residuals,
+    surer_improvement,
+)
 from hydro_twin.inference.reading import equivalents
 from hydro_twin.inference.select import LONG, search_all
 from hydro_twin.inference.starts import with_other
+from hydro_twin.inference.stepwise import (
+    exchange,
+    indistinct,
+    LATER,
+    LEAST_SHARE_LATER,
+    MOST_EFFECTS,
+    refined,
+    select_forward,
+    without_indistinct,
+)
 from hydro_twin.result import CLOSE
 
 UNPROVEN = 0.15         # probability that it does not help up to which an effect stays beside
@@ -31,16 +36,16 @@ UNPROVEN = 0.15         # probability that it does not help up to which an effec
 #                         at most 0.12, those that are not at least 0.2
 
 
-def settled(chain: Chain, base: Fit, context: Context) -> Chain:
-    """Keep of a model what held-out data bear out, and see what else could be in its place.
+def validated(chain: Chain, base: Fit, context: Context) -> Chain:
+    """Keep the effects that held-out data confirm, and find their rivals.
 
     Args:
         chain: a model that has grown.
         base: the fit without any of its effects.
         context: the data.
     """
-    chain = _proven(chain, base, context)
-    chain = simplified(refined(chain, chain.findings, context), context)
+    chain = _without_unproven(chain, base, context)
+    chain = without_indistinct(refined(chain, chain.findings, context), context)
     return _without_refuted(_with_equivalents(chain, context), context)
 
 
@@ -72,8 +77,8 @@ def _with_equivalents(chain: Chain, context: Context) -> Chain:
     return chain
 
 
-def _proven(chain: Chain, without: Fit, context: Context, refuted: frozenset[str] = frozenset()
-            ) -> Chain:
+def _without_unproven(chain: Chain, without: Fit, context: Context,
+                      refuted: frozenset[str] = frozenset()) -> Chain:
     """Drop the effects that do not improve held-out data, the least helpful first.
 
     One that does not, see `_on_held_out`, gives way to an effect that the training data hardly
@@ -106,16 +111,16 @@ def _proven(chain: Chain, without: Fit, context: Context, refuted: frozenset[str
             for found, doubted in zip(chain.findings, doubts, strict=True)))
     least = min(fails, key=lambda k: gains[k])
     if instead := _unrefuted(chain, least, bare[least], context):
-        return _proven(instead, without, context, refuted)
+        return _without_unproven(instead, without, context, refuted)
     least = min(replaced_by[least], default=least)
     # What stood beside the others need not be the best by itself.
     chosen = exchange(Chain(bare[least], other_findings(chain, least)), context, last=True)
     dropped = chain.fit.candidate.effects[chain.findings[least].index].effect.id
-    if chosen.findings and dropped not in refuted and len(refuted) < MOST:
+    if chosen.findings and dropped not in refuted and len(refuted) < MOST_EFFECTS:
         refuted |= {dropped}
         alternatives = context.fit_alternatives(chosen.fit, LATER)
-        chosen = grow(chosen, alternatives, context, refuted)
-    return _proven(chosen, without, context, refuted)
+        chosen = select_forward(chosen, alternatives, context, refuted)
+    return _without_unproven(chosen, without, context, refuted)
 
 
 def _on_held_out(fit: Fit, bare: Sequence[Fit], without: Fit, context: Context
@@ -142,8 +147,9 @@ def _on_held_out(fit: Fit, bare: Sequence[Fit], without: Fit, context: Context
     together = surer_improvement(left, after, seed).low > 0.0
     doubts: list[float | None] = []
     for one, gain, alone in zip(before, gains, bare, strict=True):
-        doubted = 0.0 if gain > 0.0 else doubt(one, after, seed)
-        stays = gain > 0.0 or (together and doubted <= UNPROVEN and share(alone, fit) > MORE)
+        doubted = 0.0 if gain > 0.0 else p_of_no_gain(one, after, seed)
+        stays = gain > 0.0 or (together and doubted <= UNPROVEN
+                               and share(alone, fit) > LEAST_SHARE_LATER)
         doubts.append(doubted if stays else None)
     return gains, doubts
 
@@ -168,7 +174,7 @@ def _unrefuted(chain: Chain, k: int, without: Fit, context: Context) -> Chain | 
     """
     found = chain.findings[k]
     for tries, ((_, distance), fit) in enumerate(_close_rivals(chain, k, context), 1):
-        if proof(without, fit, context.held_out, context.seed).low > 0.0:
+        if held_out_gain(without, fit, context.held_out, context.seed).low > 0.0:
             return _instead(chain, k, fit, without, distance, found.rivals[tries:])
     return None
 

@@ -7,10 +7,10 @@ from scipy.signal import lfilter
 
 from hydro_twin.fitting import output_error
 from hydro_twin.fitting.parts import parts_of
-from hydro_twin.inference.proof import (
-    doubt,
+from hydro_twin.inference.held_out import (
     geometric_improvement,
     improvement,
+    p_of_no_gain,
     residuals,
     surer_improvement,
 )
@@ -54,13 +54,13 @@ def test_another_draw_of_the_same_noise_is_no_improvement():
 def test_doubts_are_as_likely_as_they_say():
     """Of two draws of the same noise each is the smaller in half of all cases, at any doubt."""
     rng = np.random.default_rng(0)
-    doubts = [doubt([rng.standard_normal(1000)], [rng.standard_normal(1000)], seed)
+    doubts = [p_of_no_gain([rng.standard_normal(1000)], [rng.standard_normal(1000)], seed)
               for seed in range(300)]
     for level in (0.1, 0.5, 0.9):
         assert np.mean(np.array(doubts) < level) == pytest.approx(level, abs=0.09)
     before, after = pair(0, 0.3)
-    assert doubt(before, after, 0) == 0.0
-    assert doubt(after, before, 0) == 1.0
+    assert p_of_no_gain(before, after, 0) == 0.0
+    assert p_of_no_gain(after, before, 0) == 1.0
 
 
 def test_of_two_models_as_wrong_as_each_other_none_is_better_at_a_high_rate():
