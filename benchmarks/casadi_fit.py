@@ -110,7 +110,7 @@ def by_casadi(fit: Problem, run: Any) -> Any:
 
     def jacobian(both: FloatArray) -> FloatArray:
         penalty = np.hstack([fit.penalty_jacobian(both[:len(begin)]),
-                          np.zeros((2 * len(begin), PLANT.order))])
+                             np.zeros((2 * len(begin), PLANT.order))])
         return np.vstack([-at(both)[1], penalty])
 
     far = np.full(PLANT.order, np.inf)

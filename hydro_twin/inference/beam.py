@@ -13,7 +13,7 @@ import numpy as np
 from hydro_twin.fitting.fit import Fit
 from hydro_twin.inference.context import Context
 from hydro_twin.inference.criterion import CLEARLY, criterion
-from hydro_twin.inference.findings import Chain, finding, share
+from hydro_twin.inference.findings import finding, Selection, share
 from hydro_twin.inference.select import Alternative, HOPELESS, refine
 from hydro_twin.inference.stepwise import (
     AGAIN,
@@ -31,9 +31,9 @@ DEEPER = 1              # effects in a model beyond those that are kept: one mor
 #                         earlier one needless
 
 
-def beam_search(chain: Chain, base: Fit, alternatives: Sequence[Alternative], context: Context
-                ) -> Chain:
-    """Search for a model that is clearly better than a chain that leaves something.
+def beam_search(selection: Selection, base: Fit, alternatives: Sequence[Alternative],
+                context: Context) -> Selection:
+    """Search for a model that is clearly better than a selection that leaves structure.
 
     From the best first effects on, each of the best models is extended by each of the best
     effects beside it, effects that have become needless are dropped, and the best go on. Models
@@ -43,55 +43,55 @@ def beam_search(chain: Chain, base: Fit, alternatives: Sequence[Alternative], co
     was replaced, and the search took up to half of the time.
 
     Args:
-        chain: what the greedy search found.
+        selection: what forward selection found.
         base: the fit without any effect.
         alternatives: fits with one, best first.
         context: the data.
     """
-    full = len(chain.findings) == MOST_EFFECTS
-    if full or not alternatives or not is_residual_structured(chain, context):
-        return chain
+    full = len(selection.findings) == MOST_EFFECTS
+    if full or not alternatives or not is_residual_structured(selection, context):
+        return selection
     given = len(base.candidate.effects)
     seen: dict[frozenset[str], Fit] = {}
-    beam = _best(_promising(base, alternatives, chain), seen)
+    beam = _best(_promising(base, alternatives, selection), seen)
     for _ in range(MOST_EFFECTS + DEEPER - 1):
         seen |= {_kinds(fit): fit for fit in beam}
         extended = [one for fit in beam for one in _promising(
-            fit, context.fit_alternatives(fit, AGAIN, _most(fit, chain)), chain)]
+            fit, context.fit_alternatives(fit, AGAIN, _most(fit, selection)), selection)]
         beam = _best((_without_needless(fit, given, context)
                       for fit in _best(extended, seen)), seen)
     seen |= {_kinds(fit): fit for fit in beam}
     whole = [fit for fit in seen.values() if len(fit.candidate.effects) <= given + MOST_EFFECTS]
     if not whole:
-        return chain
-    first, *scores = criterion([chain.fit, *whole])
+        return selection
+    first, *scores = criterion([selection.fit, *whole])
     best = whole[int(np.argmin(scores))]
     if not min(scores) < first - CLEARLY:
-        return chain
+        return selection
     for fit in whole:
         context.remember(fit)
     indices = range(given, len(best.candidate.effects))
     found = tuple(finding(without, best, (), index) for index, without in zip(
         indices, context.without(best, indices), strict=True))
-    other = validated(exchange(Chain(best, found), context, last=True), base, context)
-    one, two = criterion([chain.fit, other.fit])
-    return other if two < one - CLEARLY else chain
+    other = validated(exchange(Selection(best, found), context, last=True), base, context)
+    one, two = criterion([selection.fit, other.fit])
+    return other if two < one - CLEARLY else selection
 
 
-def _promising(fit: Fit, alternatives: Sequence[Alternative], chain: Chain) -> list[Fit]:
-    """Take the alternatives to a fit that explain something, and from which a chain is near."""
+def _promising(fit: Fit, alternatives: Sequence[Alternative], selection: Selection) -> list[Fit]:
+    """Take the significant alternatives to a fit that may lead to a rival of a selection."""
     return [one.fit for one in alternatives
             if is_significant(fit, one.fit, LEAST_SHARE)
-            and one.fit.error < HOPELESS * chain.fit.error]
+            and one.fit.error < HOPELESS * selection.fit.error]
 
 
-def _most(fit: Fit, chain: Chain) -> float:
-    """Return the error beyond which an extension of a model is no rival to a chain.
+def _most(fit: Fit, selection: Selection) -> float:
+    """Return the error beyond which an extension of a model is no rival to a selection.
 
     One that has no more effects may still come near with another.
     """
-    larger = len(fit.candidate.effects) >= len(chain.fit.candidate.effects)
-    return (RIVALS if larger else HOPELESS) * chain.fit.error
+    larger = len(fit.candidate.effects) >= len(selection.fit.candidate.effects)
+    return (RIVALS if larger else HOPELESS) * selection.fit.error
 
 
 def _kinds(fit: Fit) -> frozenset[str]:

@@ -19,7 +19,7 @@ from hydro_twin.fitting.horizon import windows
 from hydro_twin.fitting.parts import least_samples, Part
 from hydro_twin.inference.context import Context
 from hydro_twin.inference.criterion import CLEARLY, criterion
-from hydro_twin.inference.findings import Chain
+from hydro_twin.inference.findings import Selection
 from hydro_twin.inference.screen import places
 from hydro_twin.inference.select import fit_alternatives, LONG, search, search_all
 from hydro_twin.inference.starts import with_other
@@ -50,19 +50,19 @@ def from_short_windows(base: Fit, context: Context) -> list[Model]:
     return [one.fit.candidate for one in found if one.placed.effect.periodic]
 
 
-def with_rivals_of_short_windows(chain: Chain, context: Context) -> Chain:
+def with_rivals_of_short_windows(selection: Selection, context: Context) -> Selection:
     """Put rivals of an effect as near as it is that are clearly better on short windows.
 
     What fits long runs better, and short ones worse, is not the law, or not the only one. But a
     rival with a state of its own fits short windows better for the freedom of where that begins.
     """
-    candidate = chain.fit.candidate
-    short = _short_windows(candidate, context.parts) if chain.findings else []
+    candidate = selection.fit.candidate
+    short = _short_windows(candidate, context.parts) if selection.findings else []
     if not short:
-        return chain
+        return selection
     context.progress('comparing on short windows')
     named, findings = {placed.effect.id for placed in candidate.effects}, []
-    for found in chain.findings:
+    for found in selection.findings:
         rivals: dict[str, Placed] = {}
         for placed, _ in found.rivals:
             effect = placed.effect
@@ -77,7 +77,7 @@ def with_rivals_of_short_windows(chain: Chain, context: Context) -> Chain:
         findings.append(replace(found, rivals=tuple(sorted(
             ((placed, 0.0 if placed in better else distance)
              for placed, distance in found.rivals), key=lambda rival: rival[1]))))
-    return replace(chain, findings=tuple(findings))
+    return replace(selection, findings=tuple(findings))
 
 
 def _short_windows(candidate: Model, parts: Sequence[Part]) -> list[Part]:

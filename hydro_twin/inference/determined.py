@@ -10,14 +10,14 @@ from hydro_twin.fitting.coloured import with_coloured_noise
 from hydro_twin.fitting.fit import Fit
 from hydro_twin.fitting.parts import Part
 from hydro_twin.fitting.unknowns import label
-from hydro_twin.inference.findings import Chain, other_findings
+from hydro_twin.inference.findings import other_findings, Selection
 from hydro_twin.inference.select import LONG, search
 
 WIDEST = 0.5            # relative standard error up to which a size differs from none at all: a
 #                         fall to zero is two standard errors
 
 
-def without_undetermined(chain: Chain, base: Fit, parts: Sequence[Part]) -> Chain:
+def without_undetermined(selection: Selection, base: Fit, parts: Sequence[Part]) -> Selection:
     """Drop each effect with a state of its own that no part of the data determines.
 
     The state at the start of each part is free. Where the model misses much, a filter of any time
@@ -25,21 +25,21 @@ def without_undetermined(chain: Chain, base: Fit, parts: Sequence[Part]) -> Chai
     on held-out data, too.
 
     Args:
-        chain: a model that was found.
+        selection: a model that was found.
         base: the fit without any of its effects.
         parts: what it was fitted to.
 
     Returns:
         What is left of it, with coloured noise where it leaves that.
     """
-    chain = replace(chain, fit=with_coloured_noise(chain.fit, parts))
-    for k, found in enumerate(chain.findings):
-        if not is_determined(chain.fit, found.index):
-            others = other_findings(chain, k)
+    selection = replace(selection, fit=with_coloured_noise(selection.fit, parts))
+    for k, found in enumerate(selection.findings):
+        if not is_determined(selection.fit, found.index):
+            others = other_findings(selection, k)
             without = base if not others else search(
-                chain.fit.candidate.without(found.index), parts, LONG)
-            return without_undetermined(Chain(without, others), base, parts)
-    return chain
+                selection.fit.candidate.without(found.index), parts, LONG)
+            return without_undetermined(Selection(without, others), base, parts)
+    return selection
 
 
 def is_determined(fit: Fit, index: int) -> bool:

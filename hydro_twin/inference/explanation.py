@@ -18,7 +18,7 @@ from hydro_twin.inference.beam import beam_search
 from hydro_twin.inference.context import Context
 from hydro_twin.inference.continuation import from_short_windows, with_rivals_of_short_windows
 from hydro_twin.inference.curve import FittedCurve
-from hydro_twin.inference.findings import Chain
+from hydro_twin.inference.findings import Selection
 from hydro_twin.inference.held_out import held_out_gain
 from hydro_twin.inference.select import Alternative, fit_alternatives, LONG, search
 from hydro_twin.inference.stepwise import (
@@ -42,20 +42,20 @@ class Explanation(NamedTuple):
 
     Attributes:
         base: the model without it, fitted no worse than from the first effect.
-        chain: the model with the named effects.
+        selection: the model with the named effects.
         found: a curve without a name on top of that, if one helps.
         replaced: the named effects whose place it took, if it did.
     """
 
     base: Fit
-    chain: Chain
+    selection: Selection
     found: FittedCurve | None
-    replaced: Chain | None
+    replaced: Selection | None
 
     @property
     def fit(self) -> Fit:
         """The model with all that was found."""
-        return self.chain.fit if self.found is None else self.found.fit
+        return self.selection.fit if self.found is None else self.found.fit
 
 
 def explain(base: Fit, context: Context, known: Sequence[Model]) -> Explanation:
@@ -67,25 +67,25 @@ def explain(base: Fit, context: Context, known: Sequence[Model]) -> Explanation:
         known: models with one effect more, to start from.
     """
     known = [*known, *from_short_windows(base, context)]
-    base, chain, _ = _selected(base, context, known)
-    if is_discretisation_error(chain.fit, context.parts):
-        return Explanation(base, chain, None, None)
+    base, selection, _ = _selected(base, context, known)
+    if is_discretisation_error(selection.fit, context.parts):
+        return Explanation(base, selection, None, None)
     found = None
-    if is_coloured(chain.fit):
+    if is_coloured(selection.fit):
         context.progress('repeating the search with coloured noise')
-        found = _by_likelihood(base, chain, context)
+        found = _by_likelihood(base, selection, context)
     if found is None:
         context.progress('trying free curves')
-        found = Explanation(base, *with_curve(chain, base, context))
-    return found._replace(chain=with_rivals_of_short_windows(found.chain, context))
+        found = Explanation(base, *with_curve(selection, base, context))
+    return found._replace(selection=with_rivals_of_short_windows(found.selection, context))
 
 
-def _by_likelihood(base: Fit, chain: Chain, context: Context) -> Explanation | None:
+def _by_likelihood(base: Fit, selection: Selection, context: Context) -> Explanation | None:
     """Repeat a search by the likelihood of what it left.
 
     Args:
         base: the model.
-        chain: what was found by least squares.
+        selection: what was found by least squares.
         context: the data.
 
     Returns:
@@ -93,10 +93,10 @@ def _by_likelihood(base: Fit, chain: Chain, context: Context) -> Explanation | N
         surely better on held-out data by this likelihood, or no better by the run itself.
     """
     parts, given = context.parts, base.candidate.effects
-    white = replace(context, parts=whitened(parts, chain.fit),
-                    held_out=whitened(context.held_out, chain.fit), known={}, fits={})
+    white = replace(context, parts=whitened(parts, selection.fit),
+                    held_out=whitened(context.held_out, selection.fit), known={}, fits={})
     known = [replace(base.candidate, effects=(*given, placed))
-             for placed in chain.fit.candidate.effects[len(given):]]
+             for placed in selection.fit.candidate.effects[len(given):]]
     there, again, alternatives = _selected(search(base.candidate, white.parts, LONG), white, known)
     wider = beam_search(again, there, alternatives, white)
     if wider is not again:
@@ -104,12 +104,12 @@ def _by_likelihood(base: Fit, chain: Chain, context: Context) -> Explanation | N
     context.progress('trying free curves')
     again, found, replaced = with_curve(again, there, white)
     last = again.fit if found is None else found.fit
-    if _ids(last) == _ids(chain.fit):
+    if _ids(last) == _ids(selection.fit):
         return None
-    first = search(chain.fit.candidate, white.parts, LONG)
+    first = search(selection.fit.candidate, white.parts, LONG)
     if not held_out_gain(first, last, white.held_out, context.seed).low > 0.0:
         return None
-    again = _as_measured(again, parts) if again.findings else Chain(base)
+    again = _as_measured(again, parts) if again.findings else Selection(base)
     explained = Explanation(base, again, None, None)
     if found is not None:
         found = replace(found, fit=as_measured(found.fit, parts))
@@ -118,7 +118,7 @@ def _by_likelihood(base: Fit, chain: Chain, context: Context) -> Explanation | N
         explained = (Explanation(base, again, found, named) if helps.relative > 0.0 else
                      Explanation(base, named or again, None, None))
     # Innovations may be explained at the cost of the run, where no laws are exactly right.
-    helps = held_out_gain(chain.fit, explained.fit, context.held_out, context.seed)
+    helps = held_out_gain(selection.fit, explained.fit, context.held_out, context.seed)
     return explained if helps.relative > 0.0 else None
 
 
@@ -131,35 +131,36 @@ def _ids(fit: Fit) -> list[str]:
                   if not placed.effect.dynamic)
 
 
-def _as_measured(chain: Chain, parts: Sequence[Part]) -> Chain:
-    """Take a chain that was fitted to whitened parts to the parts as they are."""
-    return replace(chain, fit=as_measured(chain.fit, parts))
+def _as_measured(selection: Selection, parts: Sequence[Part]) -> Selection:
+    """Take a selection that was fitted to whitened parts to the parts as they are."""
+    return replace(selection, fit=as_measured(selection.fit, parts))
 
 
 def _selected(base: Fit, context: Context, known: Sequence[Model]
-           ) -> tuple[Fit, Chain, Sequence[Alternative]]:
+              ) -> tuple[Fit, Selection, Sequence[Alternative]]:
     """Add effects to a model one after another.
 
     Returns:
-        The base, fitted no worse than from the first effect; the chain; the first alternatives.
+        The base, fitted no worse than from the first effect; the selection; and the first
+        alternatives.
     """
     alternatives = fit_alternatives(base, context.parts, context.times, EVERY, True,
                                     context.progress, known)
-    grown = select_forward(Chain(base), alternatives, context)
+    grown = select_forward(Selection(base), alternatives, context)
     base = context.best(base)
-    chain = validated(grown, base, context)
-    return base, _with_fine_steps(chain, base, context), alternatives
+    selection = validated(grown, base, context)
+    return base, _with_fine_steps(selection, base, context), alternatives
 
 
-def _with_fine_steps(chain: Chain, base: Fit, context: Context) -> Chain:
-    """Fit a chain with steps that are fine enough, and drop what explains too little.
+def _with_fine_steps(selection: Selection, base: Fit, context: Context) -> Selection:
+    """Fit a selection with steps that are fine enough, and drop what explains too little.
 
     A search that goes further may end where an effect is no longer distinguished from a simpler
     one, too.
     """
-    if chain.findings:
-        fine = with_fine_steps(chain.fit, context.parts, FINEST)
+    if selection.findings:
+        fine = with_fine_steps(selection.fit, context.parts, FINEST)
         better = search(fine.candidate, context.parts, LAST)
-        chain = without_indistinct(replace(chain, fit=better), context)
-        chain = without_unsupported(chain, base, context)
-    return chain if chain.findings else Chain(base)
+        selection = without_indistinct(replace(selection, fit=better), context)
+        selection = without_unsupported(selection, base, context)
+    return selection if selection.findings else Selection(base)

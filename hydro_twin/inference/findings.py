@@ -33,7 +33,7 @@ class Finding:
 
 
 @dataclass(frozen=True)
-class Chain:
+class Selection:
     """A model as far as it has grown."""
 
     fit: Fit
@@ -73,11 +73,11 @@ def in_place(alternatives: Sequence[Alternative]) -> list[tuple[Placed, Fit]]:
     return [(alternative.placed, alternative.fit) for alternative in alternatives]
 
 
-def other_findings(chain: Chain, k: int) -> tuple[Finding, ...]:
+def other_findings(selection: Selection, k: int) -> tuple[Finding, ...]:
     """List the findings but one, as they are without its effect."""
-    gone = chain.findings[k].index
+    gone = selection.findings[k].index
     return tuple(replace(found, index=found.index - (found.index > gone))
-                 for found in (*chain.findings[:k], *chain.findings[k + 1:]))
+                 for found in (*selection.findings[:k], *selection.findings[k + 1:]))
 
 
 def share(before: Fit, after: Fit) -> float:

@@ -27,7 +27,7 @@ from hydro_twin.plants import Plant, Port
 from hydro_twin.result import Hidden
 
 NEAR = 0.9              # share of the largest value, from which it counts as near that
-DETECTABLE = 50.0          # ratio of an effect's energy to the noise variance at which it shows
+DETECTABLE = 50.0       # ratio of an effect's energy to the noise variance at which it shows
 
 
 @dataclass(frozen=True)
@@ -191,7 +191,7 @@ def undetectable(fit: Fit, parts: Sequence[Part]) -> list[Hidden]:
 
 
 def detectable(fit: Fit, parts: Sequence[Part], reach: Mapping[Port, Span]
-            ) -> list[tuple[Effect, Port, bool]]:
+               ) -> list[tuple[Effect, Port, bool]]:
     """Say of every effect at every port whether it would show at any strength tried.
 
     It does if what it does beyond re-tuning would stand out of the residual as it is.
@@ -213,11 +213,11 @@ def detectable(fit: Fit, parts: Sequence[Part], reach: Mapping[Port, Span]
             for (effect, port), shown in zip(everywhere, showing, strict=True)]
 
 
-def _is_detectable(without: _Without, parts: Sequence[Part], basis: FloatArray, detectable: float,
-           starts: Sequence[Placed]) -> bool:
-    """Whether an effect moves the output visibly at any start; the strongest come last."""
+def _is_detectable(without: _Without, parts: Sequence[Part], basis: FloatArray, least: float,
+                   starts: Sequence[Placed]) -> bool:
+    """Whether an effect moves the output by `least` at any start; the strongest come last."""
     for placed in reversed(starts):
         moved = _response(without, parts, basis, placed)
-        if detectable <= float(moved @ moved) < math.inf:
+        if least <= float(moved @ moved) < math.inf:
             return True
     return False

@@ -180,7 +180,7 @@ def _divided(candidates: Sequence[Model], parts: Sequence[Part]
 
 
 def successive_halving(candidates: Sequence[Model], parts: Sequence[Part],
-         progress: Callable[[str], None]) -> list[Fit]:
+                       progress: Callable[[str], None]) -> list[Fit]:
     """Search for a few evaluations from the candidates that promise most; best first.
 
     Successive halving [Jamieson and Talwalkar 2016] by effects and ports: first by what a linear
@@ -229,7 +229,7 @@ def nothing_shows(base: Fit, prospects: Sequence[ScoredEffect], hiding: Sequence
 
 
 def fit_to_convergence(base: Fit, ranked: Sequence[Fit], parts: Sequence[Part],
-           most_error: float = math.inf) -> list[Alternative]:
+                       most_error: float = math.inf) -> list[Alternative]:
     """Fit the best to convergence, refine their last effects, and rank all of them.
 
     The law of the best is tried at its other ports, too, from its fit and from the base: the

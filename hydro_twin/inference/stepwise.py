@@ -16,12 +16,12 @@ from hydro_twin.inference.context import Context, effects_of
 from hydro_twin.inference.criterion import CLEARLY, criterion, gain_p_value
 from hydro_twin.inference.findings import (
     best_finding,
-    Chain,
     explained_share,
     Finding,
     finding,
     in_place,
     other_findings,
+    Selection,
     share,
     TRIED,
 )
@@ -42,8 +42,8 @@ from hydro_twin.predictors.scores import rms
 from hydro_twin.predictors.system import HOLD, LINEAR
 from hydro_twin.result import NEAR
 
-MOST_EFFECTS = 3                # effects in a model
-SIGNIFICANCE = 1e-3            # significance, corrected for all that was tried
+MOST_EFFECTS = 3        # in a model
+SIGNIFICANCE = 1e-3     # level of the test of an effect, corrected for all that was tried
 LEAST_SHARE = 0.01      # of the mean square error that the first effect removes
 LEAST_SHARE_LATER = 0.06    # and each after it, unless it explains all that is left
 FINE = 0.2              # largest error of the time stepping, as a share of the residual
@@ -62,15 +62,15 @@ RIVALS = 1.5            # error over that of the effect in place: what leaves mo
 #                         evaluations is no rival to it
 
 
-def select_forward(chain: Chain, alternatives: Sequence[Alternative], context: Context,
-         refuted: Container[str] = ()) -> Chain:
+def select_forward(selection: Selection, alternatives: Sequence[Alternative], context: Context,
+                   refuted: Container[str] = ()) -> Selection:
     """Add the best effect, then the best of each further round, while they are significant.
 
     Held-out data judge the whole model: beside a second effect that is still missing, the first
     may not improve them.
 
     Args:
-        chain: what has been found before.
+        selection: what has been found before.
         alternatives: of the first round, best first.
         context: the data.
         refuted: ids of effects that are not to be added.
@@ -78,29 +78,30 @@ def select_forward(chain: Chain, alternatives: Sequence[Alternative], context: C
     seen: set[frozenset[str]] = set()
     for _ in range(ROUNDS):
         alternatives = [one for one in alternatives if one.id not in refuted]
-        if not alternatives or effects_of(chain.fit.candidate) in seen:
+        if not alternatives or effects_of(selection.fit.candidate) in seen:
             break
-        seen.add(effects_of(chain.fit.candidate))
-        ranked = _memoryless_first(alternatives, chain.fit, context)
+        seen.add(effects_of(selection.fit.candidate))
+        ranked = _memoryless_first(alternatives, selection.fit, context)
         first = ranked[0]
-        fit = without_last(chain.fit, first.fit, context.parts)
+        fit = without_last(selection.fit, first.fit, context.parts)
         context.remember(fit)
-        chain = replace(chain, fit=fit)
+        selection = replace(selection, fit=fit)
         if not is_significant(fit, first.fit, LEAST_SHARE):
             break
         found = best_finding(fit, ranked)
-        if chain.findings and not _earned(found, fit, first, context.parts):
+        if selection.findings and not _earned(found, fit, first, context.parts):
             break
         better = with_fine_steps(first.fit, context.parts, FINE_ENOUGH)
         better = best_interpolation(better, context.parts)
         context.remember(better)
-        chain = exchange(Chain(better, (*chain.findings, found)), context)
-        chain = without_indistinct(refined(chain, chain.findings[:-1], context), context)
-        if (len(chain.findings) == MOST_EFFECTS
-                or is_discretisation_error(chain.fit, context.parts)):
+        selection = exchange(Selection(better, (*selection.findings, found)), context)
+        selection = refined(selection, selection.findings[:-1], context)
+        selection = without_indistinct(selection, context)
+        if (len(selection.findings) == MOST_EFFECTS
+                or is_discretisation_error(selection.fit, context.parts)):
             break
-        alternatives = context.fit_alternatives(chain.fit, LATER)
-    return chain
+        alternatives = context.fit_alternatives(selection.fit, LATER)
+    return selection
 
 
 def _memoryless_first(alternatives: Sequence[Alternative], base: Fit, context: Context
@@ -150,35 +151,36 @@ def _earned(found: Finding, without: Fit, added: Alternative, parts: Sequence[Pa
             and (white or predicted_by_ports(without, parts)[1] < SURELY_PREDICTED))
 
 
-def refined(chain: Chain, findings: Sequence[Finding], context: Context) -> Chain:
+def refined(selection: Selection, findings: Sequence[Finding], context: Context) -> Selection:
     """Refine effects again, now that what came after them no longer biases them."""
     for found in findings:
-        chain = replace(chain, fit=refine([chain.fit], context.parts, found.index)[0])
-        context.remember(chain.fit)
-    return chain
+        selection = replace(selection, fit=refine([selection.fit], context.parts, found.index)[0])
+        context.remember(selection.fit)
+    return selection
 
 
-def without_indistinct(chain: Chain, context: Context) -> Chain:
+def without_indistinct(selection: Selection, context: Context) -> Selection:
     """Put another effect in the place of each that is no longer distinguished from a simpler one.
 
     Beside a later effect a dead zone may shrink to nothing about a centre, and so be a bias.
     """
-    for _ in chain.findings:
-        k = next(indistinct(chain.fit, context.parts, chain.findings), None)
+    for _ in selection.findings:
+        k = next(indistinct(selection.fit, context.parts, selection.findings), None)
         if k is None:
             break
-        found, rest = chain.findings[k], other_findings(chain, k)
-        (without,) = context.without(chain.fit, [found.index])
+        found, rest = selection.findings[k], other_findings(selection, k)
+        (without,) = context.without(selection.fit, [found.index])
         # With all else as it is beside the effect: refitted without it, it may lead astray.
-        bare = unsearched(chain.fit.candidate.without(found.index), context.parts)
+        bare = unsearched(selection.fit.candidate.without(found.index), context.parts)
         alternatives = fit_alternatives(bare, context.parts, context.times, AGAIN, False,
                                         context.progress)
         if alternatives and is_significant(without, alternatives[0].fit, LEAST_SHARE):
-            chain = Chain(alternatives[0].fit, (*rest, best_finding(without, alternatives)))
+            found = best_finding(without, alternatives)
+            selection = Selection(alternatives[0].fit, (*rest, found))
         else:
-            chain = Chain(without, rest)
-        context.remember(chain.fit)
-    return chain
+            selection = Selection(without, rest)
+        context.remember(selection.fit)
+    return selection
 
 
 def indistinct(fit: Fit, parts: Sequence[Part], findings: Sequence[Finding]) -> Iterator[int]:
@@ -206,7 +208,7 @@ def is_significant(before: Fit, after: Fit, worth: float) -> bool:
             and share(before, after) > worth)
 
 
-def without_unsupported(chain: Chain, without: Fit, context: Context) -> Chain:
+def without_unsupported(selection: Selection, without: Fit, context: Context) -> Selection:
     """Drop effects that explain too little of the residual without them, if structure remains.
 
     An effect that explains only a part is not the one that is missing. Half is enough; but not of
@@ -214,34 +216,35 @@ def without_unsupported(chain: Chain, without: Fit, context: Context) -> Chain:
     like a delay, a lag or a mode.
 
     Args:
-        chain: a model that has grown.
+        selection: a model that has grown.
         without: the fit without any of its effects.
         context: the data.
     """
-    if not chain.findings:
-        return chain
-    least = ENOUGH if is_residual_structured(chain, context) else 0.0
-    of_dynamics = NEARLY_ALL if cannot_be_noise(chain.fit.by_part) else least
-    needed = [of_dynamics if chain.fit.candidate.effects[k].effect.dynamic else least
-              for k in chain.indices]
+    if not selection.findings:
+        return selection
+    least = ENOUGH if is_residual_structured(selection, context) else 0.0
+    of_dynamics = NEARLY_ALL if cannot_be_noise(selection.fit.by_part) else least
+    needed = [of_dynamics if selection.fit.candidate.effects[k].effect.dynamic else least
+              for k in selection.indices]
     if not any(needed):
-        return chain
-    bare = context.without(chain.fit, chain.indices) if len(needed) > 1 else [without]
-    spare = [explained_share(fit, chain.fit) - share
+        return selection
+    bare = context.without(selection.fit, selection.indices) if len(needed) > 1 else [without]
+    spare = [explained_share(fit, selection.fit) - share
              for fit, share in zip(bare, needed, strict=True)]
     worst = int(np.argmin(spare))
     if spare[worst] >= 0.0:
-        return chain
-    return without_unsupported(Chain(bare[worst], other_findings(chain, worst)), without, context)
+        return selection
+    rest = Selection(bare[worst], other_findings(selection, worst))
+    return without_unsupported(rest, without, context)
 
 
-def is_residual_structured(chain: Chain, context: Context) -> bool:
+def is_residual_structured(selection: Selection, context: Context) -> bool:
     """Whether the residual cannot be noise.
 
     The port signals or time predict it, or it is larger on held-out data. That it is larger than
     white noise does not show it: the noise may be coloured.
     """
-    fit = chain.fit
+    fit = selection.fit
     held_out = rms(np.concatenate(residuals(fit, context.held_out)))
     return (predicted_by_ports(fit, context.parts)[1] < PREDICTED
             or drifts(drift(fit, context.parts))
@@ -299,8 +302,8 @@ def best_interpolation(fit: Fit, parts: Sequence[Part]) -> Fit:
     return otherwise if then < now - CLEARLY and share(fit, otherwise) > LEAST_SHARE else fit
 
 
-def exchange(chain: Chain, context: Context, last: bool = False,
-             left: frozenset[frozenset[str]] = frozenset()) -> Chain:
+def exchange(selection: Selection, context: Context, last: bool = False,
+             left: frozenset[frozenset[str]] = frozenset()) -> Selection:
     """Choose each earlier effect again, now that the last one is in the model.
 
     It may have become unnecessary, and is dropped; or it may have stood in for two, and another
@@ -310,28 +313,30 @@ def exchange(chain: Chain, context: Context, last: bool = False,
     one, as a small part of a ripple is from an offset.
 
     Args:
-        chain: a model that has grown.
+        selection: a model that has grown.
         context: the data.
         last: whether to choose the last one again, too.
         left: sets of effects that were replaced before.
     """
-    left |= {effects_of(chain.fit.candidate)}
-    for k, found in enumerate(chain.findings[:None if last else -1]):
-        placed = chain.fit.candidate.effects[found.index]
-        (without,), rest = context.without(chain.fit, [found.index]), other_findings(chain, k)
-        with_it, bare = criterion([chain.fit, without])
-        needless = bare < with_it + CLEARLY or share(without, chain.fit) < LEAST_SHARE
+    left |= {effects_of(selection.fit.candidate)}
+    for k, found in enumerate(selection.findings[:None if last else -1]):
+        placed = selection.fit.candidate.effects[found.index]
+        (without,) = context.without(selection.fit, [found.index])
+        rest = other_findings(selection, k)
+        with_it, bare = criterion([selection.fit, without])
+        needless = bare < with_it + CLEARLY or share(without, selection.fit) < LEAST_SHARE
         if needless and next(indistinct(without, context.parts, rest), None) is None:
-            return exchange(Chain(without, rest), context, last, left)
-        alternatives = context.fit_alternatives(without, AGAIN, RIVALS * chain.fit.error)
-        scores = criterion([chain.fit, *(c.fit for c in alternatives)])
+            return exchange(Selection(without, rest), context, last, left)
+        alternatives = context.fit_alternatives(without, AGAIN, RIVALS * selection.fit.error)
+        scores = criterion([selection.fit, *(c.fit for c in alternatives)])
         if (alternatives and scores[1] < scores[0] - CLEARLY
                 and effects_of(alternatives[0].fit.candidate) not in left):
             instead = best_finding(without, alternatives)
             better = with_fine_steps(alternatives[0].fit, context.parts, FINE_ENOUGH)
-            return exchange(Chain(better, (*rest, instead)), context, last, left)
+            return exchange(Selection(better, (*rest, instead)), context, last, left)
         others = [c for c in alternatives
                   if (c.id, c.placed.port) != (placed.effect.id, placed.port)]
-        kept = finding(without, chain.fit, in_place(others), found.index)
-        chain = replace(chain, findings=(*chain.findings[:k], kept, *chain.findings[k + 1:]))
-    return chain
+        kept = finding(without, selection.fit, in_place(others), found.index)
+        findings = (*selection.findings[:k], kept, *selection.findings[k + 1:])
+        selection = replace(selection, findings=findings)
+    return selection

@@ -23,7 +23,7 @@ from hydro_twin.inference.evaluate import result_of
 from hydro_twin.inference.evidence import Evidence
 from hydro_twin.inference.excerpt import excerpt, harmless_factor, resampled
 from hydro_twin.inference.explanation import explain
-from hydro_twin.inference.findings import Chain, share
+from hydro_twin.inference.findings import Selection, share
 from hydro_twin.inference.held_out import held_out_gain, improvement, residuals
 from hydro_twin.inference.limits import without_unreached
 from hydro_twin.inference.memory import named, remember
@@ -192,13 +192,13 @@ def _search(train: Recording, test: Recording, plant: Plant,
                 effects=(*known.effects[:given], placed)) for placed in known.effects[given:]]
     context = Context(parts, others, _times([*whole, *held_out], sample_time), seed, progress)
     explained = explain(base, context, single)
-    base, chain, found, replaced = explained
+    base, selection, found, replaced = explained
     if explained.fit is not base:
         bare = replace(explained.fit.candidate, effects=explained.fit.candidate.effects[:given])
         from_final = search(bare, parts, LONG)
         base, first = min(context.best(base), from_final, key=lambda fit: fit.cost), base
-        chain = Chain(base) if chain.fit is first else chain
-    after = chain.fit
+        selection = Selection(base) if selection.fit is first else selection
+    after = selection.fit
     if factor > 1:
         progress('fitting all samples')
         named = after is not base
@@ -215,24 +215,24 @@ def _search(train: Recording, test: Recording, plant: Plant,
     if found:
         found = replace(found, fit=without_unreached(found.fit, fine))
     else:
-        kept = without_undetermined(replace(chain, fit=after), base, fine)
-        last = base if chain.findings and not kept.findings else after
-        chain, after = kept, kept.fit
+        kept = without_undetermined(replace(selection, fit=after), base, fine)
+        last = base if selection.findings and not kept.findings else after
+        selection, after = kept, kept.fit
         before, base = (after if fit is last else fit for fit in (before, base))
     # What is named must improve the reported figure, too.
     gain, by_horizon = _gain(before, after if found is None else found.fit, test, seed)
     if found and not gain.low > 0.0:
         found = None
         gain, by_horizon = _gain(before, after, test, seed)
-    if chain.findings and not gain.low > 0.0:
-        chain, after = Chain(base), base
+    if selection.findings and not gain.low > 0.0:
+        selection, after = Selection(base), base
         gain, by_horizon = _gain(before, base, test, seed)
     pieces, left = after.by_part, residuals(after, fine_held_out)
     compared = residuals(after, whitened(fine_held_out, after)) if after.whitened else left
     traced = Evidence(
         plant=plant, before=before, after=after, train=whole, test=held_out,
         recordings={'train': train, 'test': test}, fitted=fine, hidden=(),
-        findings=chain.findings,
+        findings=selection.findings,
         improvement=gain, by_horizon=by_horizon, held_out_error=rms(np.concatenate(left)),
         held_out_ratio=rms(np.concatenate(compared)) / max(after.error, 1e-300),
         floor=noise_floor(pieces), white=is_white(pieces),

@@ -9,7 +9,7 @@ from hydro_twin.fitting.autoregression import effective_samples
 from hydro_twin.fitting.fit import Fit
 from hydro_twin.inference.context import Context
 from hydro_twin.inference.criterion import CLEARLY, criterion
-from hydro_twin.inference.findings import Chain, finding, other_findings, share
+from hydro_twin.inference.findings import finding, other_findings, Selection, share
 from hydro_twin.inference.held_out import (
     held_out_gain,
     p_of_no_gain,
@@ -36,30 +36,30 @@ UNPROVEN = 0.15         # probability that it does not help up to which an effec
 #                         at most 0.12, those that are not at least 0.2
 
 
-def validated(chain: Chain, base: Fit, context: Context) -> Chain:
+def validated(selection: Selection, base: Fit, context: Context) -> Selection:
     """Keep the effects that held-out data confirm, and find their rivals.
 
     Args:
-        chain: a model that has grown.
+        selection: a model that has grown.
         base: the fit without any of its effects.
         context: the data.
     """
-    chain = _without_unproven(chain, base, context)
-    chain = without_indistinct(refined(chain, chain.findings, context), context)
-    return _without_refuted(_with_equivalents(chain, context), context)
+    selection = _without_unproven(selection, base, context)
+    selection = without_indistinct(refined(selection, selection.findings, context), context)
+    return _without_refuted(_with_equivalents(selection, context), context)
 
 
-def _with_equivalents(chain: Chain, context: Context) -> Chain:
+def _with_equivalents(selection: Selection, context: Context) -> Selection:
     """Fit laws that draw the same curve in the place of each static one: they are rivals.
 
     Those that were fitted when it was chosen have not been refined since. A simpler one is
     preferred unless it is clearly worse.
     """
-    for k, found in enumerate(chain.findings):
-        models = equivalents(chain.fit.candidate, found.index, context.parts)
+    for k, found in enumerate(selection.findings):
+        models = equivalents(selection.fit.candidate, found.index, context.parts)
         if not models:
             continue
-        fits = [chain.fit, *search_all(models, context.parts, LONG)]
+        fits = [selection.fit, *search_all(models, context.parts, LONG)]
         laws = [fit.candidate.effects[found.index] for fit in fits]
         scores = criterion(fits)
         near = [j for j, score in enumerate(scores) if score < min(scores) + CLEARLY]
@@ -72,13 +72,14 @@ def _with_equivalents(chain: Chain, context: Context) -> Chain:
         others = [one for one in found.rivals if (one[0].effect, one[0].port) not in fitted]
         again = replace(again, doubt=found.doubt, rivals=tuple(sorted(
             (*again.rivals, *others), key=lambda rival: rival[1])))
-        chain = Chain(fits[best], (*chain.findings[:k], again, *chain.findings[k + 1:]))
-        context.remember(chain.fit)
-    return chain
+        findings = (*selection.findings[:k], again, *selection.findings[k + 1:])
+        selection = Selection(fits[best], findings)
+        context.remember(selection.fit)
+    return selection
 
 
-def _without_unproven(chain: Chain, without: Fit, context: Context,
-                      refuted: frozenset[str] = frozenset()) -> Chain:
+def _without_unproven(selection: Selection, without: Fit, context: Context,
+                      refuted: frozenset[str] = frozenset()) -> Selection:
     """Drop the effects that do not improve held-out data, the least helpful first.
 
     One that does not, see `_on_held_out`, gives way to an effect that the training data hardly
@@ -90,32 +91,32 @@ def _without_unproven(chain: Chain, without: Fit, context: Context,
     series of ever larger steps, the right one need not have been found.
 
     Args:
-        chain: a model that has grown.
+        selection: a model that has grown.
         without: the fit without any of its effects.
         context: the data.
         refuted: ids of effects that were dropped before.
     """
-    if not chain.findings:
-        return chain
+    if not selection.findings:
+        return selection
     context.progress('testing each effect on held-out data')
-    bare = context.without(chain.fit, chain.indices)
+    bare = context.without(selection.fit, selection.indices)
     if len(bare) == 1:
         bare = [min(bare[0], without, key=lambda fit: fit.cost)]
-    gains, doubts = _on_held_out(chain.fit, bare, without, context)
+    gains, doubts = _on_held_out(selection.fit, bare, without, context)
     fails = {k for k, doubted in enumerate(doubts) if doubted is None}
-    replaced_by = {k: _simpler_without(chain, k, bare[k], context) for k in fails}
+    replaced_by = {k: _simpler_without(selection, k, bare[k], context) for k in fails}
     fails -= {k for k, others in replaced_by.items() if others and not others <= fails}
     if not fails:
-        return replace(chain, findings=tuple(
+        return replace(selection, findings=tuple(
             replace(found, doubt=doubted or 0.0)
-            for found, doubted in zip(chain.findings, doubts, strict=True)))
+            for found, doubted in zip(selection.findings, doubts, strict=True)))
     least = min(fails, key=lambda k: gains[k])
-    if instead := _unrefuted(chain, least, bare[least], context):
+    if instead := _unrefuted(selection, least, bare[least], context):
         return _without_unproven(instead, without, context, refuted)
     least = min(replaced_by[least], default=least)
     # What stood beside the others need not be the best by itself.
-    chosen = exchange(Chain(bare[least], other_findings(chain, least)), context, last=True)
-    dropped = chain.fit.candidate.effects[chain.findings[least].index].effect.id
+    chosen = exchange(Selection(bare[least], other_findings(selection, least)), context, last=True)
+    dropped = selection.fit.candidate.effects[selection.findings[least].index].effect.id
     if chosen.findings and dropped not in refuted and len(refuted) < MOST_EFFECTS:
         refuted |= {dropped}
         alternatives = context.fit_alternatives(chosen.fit, LATER)
@@ -154,16 +155,16 @@ def _on_held_out(fit: Fit, bare: Sequence[Fit], without: Fit, context: Context
     return gains, doubts
 
 
-def _simpler_without(chain: Chain, k: int, without: Fit, context: Context) -> set[int]:
+def _simpler_without(selection: Selection, k: int, without: Fit, context: Context) -> set[int]:
     """Say which of the others are no longer distinguished from simpler laws without an effect."""
-    return {j + (j >= k) for j in indistinct(without, context.parts, other_findings(chain, k))}
+    return {j + (j >= k) for j in indistinct(without, context.parts, other_findings(selection, k))}
 
 
-def _unrefuted(chain: Chain, k: int, without: Fit, context: Context) -> Chain | None:
+def _unrefuted(selection: Selection, k: int, without: Fit, context: Context) -> Selection | None:
     """Put a close rival in the place of an effect that does not improve held-out data.
 
     Args:
-        chain: a model that has grown.
+        selection: a model that has grown.
         k: which of its findings fails.
         without: the fit without that.
         context: the data.
@@ -172,19 +173,19 @@ def _unrefuted(chain: Chain, k: int, without: Fit, context: Context) -> Chain | 
         The model with the first close rival that improves held-out data; None if none does. Those
         that do not are no longer rivals.
     """
-    found = chain.findings[k]
-    for tries, ((_, distance), fit) in enumerate(_close_rivals(chain, k, context), 1):
+    found = selection.findings[k]
+    for tries, ((_, distance), fit) in enumerate(_close_rivals(selection, k, context), 1):
         if held_out_gain(without, fit, context.held_out, context.seed).low > 0.0:
-            return _instead(chain, k, fit, without, distance, found.rivals[tries:])
+            return _instead(selection, k, fit, without, distance, found.rivals[tries:])
     return None
 
 
-def _instead(chain: Chain, k: int, fit: Fit, without: Fit, distance: float,
-             rivals: Sequence[tuple[Placed, float]]) -> Chain:
+def _instead(selection: Selection, k: int, fit: Fit, without: Fit, distance: float,
+             rivals: Sequence[tuple[Placed, float]]) -> Selection:
     """Take a rival in the place of an effect.
 
     Args:
-        chain: a model that has grown.
+        selection: a model that has grown.
         k: which of its findings gives way.
         fit: with the rival.
         without: the fit without either.
@@ -192,41 +193,41 @@ def _instead(chain: Chain, k: int, fit: Fit, without: Fit, distance: float,
         rivals: those that are left, with their distances from the effect.
     """
     others = sorted(((placed, abs(d - distance)) for placed, d in rivals), key=lambda one: one[1])
-    found = replace(finding(without, fit, (), chain.findings[k].index), rivals=tuple(others))
-    return Chain(fit, (*chain.findings[:k], found, *chain.findings[k + 1:]))
+    found = replace(finding(without, fit, (), selection.findings[k].index), rivals=tuple(others))
+    return Selection(fit, (*selection.findings[:k], found, *selection.findings[k + 1:]))
 
 
-def _without_refuted(chain: Chain, context: Context) -> Chain:
+def _without_refuted(selection: Selection, context: Context) -> Selection:
     """Drop close rivals that held-out data refute, surely and as clearly as training data would.
 
     A stop and a limit behind which the state winds up differ only in how they are left, which the
     training data may not show. An offset here or there differs by a ten-thousandth, which may be
     sure and says nothing. Where the effect itself is refuted by a rival, that takes its place.
     """
-    if not chain.findings:
-        return chain
-    after, kept = residuals(chain.fit, context.held_out), []
+    if not selection.findings:
+        return selection
+    after, kept = residuals(selection.fit, context.held_out), []
     least = CLEARLY / effective_samples(after)
-    for k, found in enumerate(chain.findings):
+    for k, found in enumerate(selection.findings):
         refuted = []
-        for rival, fit in _close_rivals(chain, k, context):
+        for rival, fit in _close_rivals(selection, k, context):
             left = residuals(fit, context.held_out)
             if surer_improvement(left, after, context.seed).low > least:
                 refuted.append(rival)
             elif surer_improvement(after, left, context.seed).low > least:
-                (without,) = context.without(chain.fit, [found.index])
+                (without,) = context.without(selection.fit, [found.index])
                 others = [one for one in found.rivals if one != rival]
-                instead = _instead(chain, k, fit, without, rival[1], others)
+                instead = _instead(selection, k, fit, without, rival[1], others)
                 return _without_refuted(instead, context)
         kept.append(replace(found, rivals=tuple(
             rival for rival in found.rivals if rival not in refuted)))
-    return replace(chain, findings=tuple(kept))
+    return replace(selection, findings=tuple(kept))
 
 
-def _close_rivals(chain: Chain, k: int, context: Context
+def _close_rivals(selection: Selection, k: int, context: Context
                   ) -> Iterator[tuple[tuple[Placed, float], Fit]]:
     """Fit each close rival in the place of an effect."""
-    found, candidate = chain.findings[k], chain.fit.candidate
+    found, candidate = selection.findings[k], selection.fit.candidate
     close = [rival for rival in found.rivals if rival[1] < CLOSE]
     fits = search_all([with_other(candidate, found.index, placed) for placed, _ in close],
                       context.parts, LONG)

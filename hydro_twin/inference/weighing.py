@@ -21,7 +21,7 @@ from hydro_twin.inference.curve import (
     is_drawn,
     outweighs,
 )
-from hydro_twin.inference.findings import Chain, explained_share, finding, other_findings
+from hydro_twin.inference.findings import explained_share, finding, other_findings, Selection
 from hydro_twin.inference.held_out import held_out_gain, residuals
 from hydro_twin.inference.reading import readings
 from hydro_twin.inference.select import HOPELESS, LONG, search, search_all
@@ -31,47 +31,48 @@ from hydro_twin.predictors.scores import rms
 from hydro_twin.result import BestNamed, Dependence
 
 
-def best_named(chain: Chain, held_out: Sequence[Part]) -> BestNamed:
+def best_named(selection: Selection, held_out: Sequence[Part]) -> BestNamed:
     """Describe the named effects that a free curve took the place of."""
-    return BestNamed(tuple(chain.fit.candidate.effects[k] for k in chain.indices),
-                     rms(np.concatenate(residuals(chain.fit, held_out))))
+    return BestNamed(tuple(selection.fit.candidate.effects[k] for k in selection.indices),
+                     rms(np.concatenate(residuals(selection.fit, held_out))))
 
 
-def with_curve(chain: Chain, base: Fit, context: Context
-               ) -> tuple[Chain, FittedCurve | None, Chain | None]:
+def with_curve(selection: Selection, base: Fit, context: Context
+               ) -> tuple[Selection, FittedCurve | None, Selection | None]:
     """Look for a free curve beside the named effects, or instead of them.
 
     Several named effects often imitate one law that has no name.
 
     Args:
-        chain: the model with the named effects.
+        selection: the model with the named effects.
         base: the fit without any of them.
         context: the data.
 
     Returns:
-        The chain, or one without its effects; the curve on top of it, if one helps; and the
-        chain whose place it took, if it did.
+        The selection, or one without its effects; the curve on top of it, if one helps; and the
+        selection whose place it took, if it did.
     """
     parts, held_out, seed = context.parts, context.held_out, context.seed
-    curves = free_curves(chain.fit, parts)
-    at_first = curves if chain.fit is base else free_curves(base, parts)
-    if chain.findings and _contested(chain, parts, curves, at_first):
-        instead = find_curve(base, parts, held_out, at_first, seed, HOPELESS * chain.fit.error)
-        if instead and is_better(instead, base, chain.fit, at_first, held_out, seed):
-            read = read_as_names(Chain(base), instead, base, context)
-            return (read, None, None) if read else (Chain(base), instead, chain)
-    found = find_curve(chain.fit, parts, held_out, curves, seed)
+    curves = free_curves(selection.fit, parts)
+    at_first = curves if selection.fit is base else free_curves(base, parts)
+    if selection.findings and _contested(selection, parts, curves, at_first):
+        instead = find_curve(base, parts, held_out, at_first, seed, HOPELESS * selection.fit.error)
+        if instead and is_better(instead, base, selection.fit, at_first, held_out, seed):
+            read = read_as_names(Selection(base), instead, base, context)
+            return (read, None, None) if read else (Selection(base), instead, selection)
+    found = find_curve(selection.fit, parts, held_out, curves, seed)
     if not found:
-        return chain, None, None
-    read = read_as_names(chain, found, base, context)
-    return (read, None, None) if read else (*_without_needless(chain, found, context), None)
+        return selection, None, None
+    read = read_as_names(selection, found, base, context)
+    return (read, None, None) if read else (*_without_needless(selection, found, context), None)
 
 
-def read_as_names(chain: Chain, found: FittedCurve, base: Fit, context: Context) -> Chain | None:
+def read_as_names(selection: Selection, found: FittedCurve, base: Fit, context: Context
+                  ) -> Selection | None:
     """Read a curve: named laws in its place, if they do as well as it does.
 
     Args:
-        chain: the model without the curve.
+        selection: the model without the curve.
         found: the curve.
         base: the fit without any effect.
         context: the data.
@@ -86,13 +87,13 @@ def read_as_names(chain: Chain, found: FittedCurve, base: Fit, context: Context)
     for fit in (tried[k] for k in np.argsort(scores, kind='stable')):
         if outweighs(found.fit, fit, held_out):
             continue
-        laws = range(len(chain.fit.candidate.effects), len(fit.candidate.effects))
+        laws = range(len(selection.fit.candidate.effects), len(fit.candidate.effects))
         bare = ([base] if len(laws) == len(fit.candidate.effects) == 1 else
                 context.without(fit, laws))
         if all(explained_share(without, fit) > ENOUGH
                and held_out_gain(without, fit, held_out, context.seed).low > 0.0
                for without in bare):
-            return Chain(fit, (*chain.findings, *(
+            return Selection(fit, (*selection.findings, *(
                 finding(without, fit, _in_place_of(k, fit, tried), k)
                 for k, without in zip(laws, bare, strict=True))))
     return None
@@ -111,37 +112,37 @@ def _in_place_of(index: int, fit: Fit, tried: Sequence[Fit]) -> list[tuple[Place
     return rivals
 
 
-def _contested(chain: Chain, parts: Sequence[Part], curves: Sequence[Dependence],
+def _contested(selection: Selection, parts: Sequence[Part], curves: Sequence[Dependence],
                at_first: Sequence[Dependence]) -> bool:
     """Whether a curve may explain the residual without the named effects.
 
     The named effects may leave structure; or it took one effect at two ports; or one curve, at
     another port or signal, explains most of the first residual.
     """
-    ids = [chain.fit.candidate.effects[k].effect.id for k in chain.indices]
+    ids = [selection.fit.candidate.effects[k].effect.id for k in selection.indices]
     if (any(shows(curve) for curve in curves) or len(set(ids)) < len(ids)
-            or not is_white(chain.fit.by_part)
-            or predicted_by_ports(chain.fit, parts)[1] < PREDICTED):
+            or not is_white(selection.fit.by_part)
+            or predicted_by_ports(selection.fit, parts)[1] < PREDICTED):
         return True
-    return any(curve.share > ENOUGH and not is_drawn((curve.port, curve.signal), chain.fit,
+    return any(curve.share > ENOUGH and not is_drawn((curve.port, curve.signal), selection.fit,
                                                      at_first) for curve in at_first[:1])
 
 
-def _without_needless(chain: Chain, found: FittedCurve, context: Context
-                      ) -> tuple[Chain, FittedCurve]:
+def _without_needless(selection: Selection, found: FittedCurve, context: Context
+                      ) -> tuple[Selection, FittedCurve]:
     """Withdraw named effects that the curve contains, as a bias that is its constant part.
 
     The least helpful first. But not one that explains by itself most of what the curve would in
     its place, which then only describes it more finely.
     """
-    bare = context.without(chain.fit, chain.indices)
+    bare = context.without(selection.fit, selection.indices)
     for k in sorted(range(len(bare)), key=lambda k: bare[k].error):
-        without = bare[k]
-        instead = search(found.fit.candidate.without(chain.findings[k].index), context.parts, LONG)
+        without, index = bare[k], selection.findings[k].index
+        instead = search(found.fit.candidate.without(index), context.parts, LONG)
         with_it, without_it = criterion([found.fit, instead])
         if (without_it < with_it + CLEARLY
-                and not explains_most(without, chain.fit, instead)):
+                and not explains_most(without, selection.fit, instead)):
             helps = held_out_gain(without, instead, context.held_out, context.seed)
-            return _without_needless(Chain(without, other_findings(chain, k)),
-                                 replace(found, fit=instead, gain=helps), context)
-    return chain, found
+            return _without_needless(Selection(without, other_findings(selection, k)),
+                                     replace(found, fit=instead, gain=helps), context)
+    return selection, found

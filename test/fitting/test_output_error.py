@@ -219,7 +219,7 @@ def test_an_initial_state_that_no_linear_step_improves_stays():
     """Where a rerun has a larger residual than predicted, the first run counts."""
     def run_from(parts, initial, weights):
         residual = np.where(initial.x[0, 0] == 0.0, np.linspace(1.0, 2.0, 100),
-                          np.random.default_rng(0).standard_normal(100) * 9.0)
+                            np.random.default_rng(0).standard_normal(100) * 9.0)
         return eliminate(residual, np.ones((100, 1)), np.ones(1), np.array([[0, 20, 100]]))
 
     begun = InitialStates(np.zeros((1, 1)), np.empty((1, 0)), np.empty((1, 0, 2)), np.ones(1))

@@ -9,7 +9,7 @@ from hydro_twin.fitting.parts import Part
 from hydro_twin.inference import screen
 from hydro_twin.inference.beam import beam_search
 from hydro_twin.inference.context import Context
-from hydro_twin.inference.findings import Chain, finding
+from hydro_twin.inference.findings import finding, Selection
 from hydro_twin.inference.select import fit_alternatives, search
 from hydro_twin.inference.stepwise import is_residual_structured
 from hydro_twin.model import Model, place
@@ -38,7 +38,7 @@ def searched(*effects):
     values = PLANT.constant_values() | {'K_v': 0.01, 'tau': 0.1}
     base = search(Model(PLANT, values, T, substeps=2), train, 40)
     biased = search(Model(PLANT, base.candidate.values, T, (BIAS,), substeps=2), train, 40)
-    return base, Chain(biased, (finding(base, biased, (), 0),)), context
+    return base, Selection(biased, (finding(base, biased, (), 0),)), context
 
 
 def first(base, context):

@@ -6,7 +6,7 @@ from hydro_twin.fitting.linear import fit_linear
 from hydro_twin.fitting.parts import Part
 from hydro_twin.inference.context import Context
 from hydro_twin.inference.continuation import from_short_windows, with_rivals_of_short_windows
-from hydro_twin.inference.findings import Chain, Finding
+from hydro_twin.inference.findings import Finding, Selection
 from hydro_twin.inference.select import fit_alternatives, search
 from hydro_twin.model import Model, place
 from hydro_twin.plants import plant_named
@@ -63,7 +63,7 @@ def test_a_rival_that_is_better_on_short_windows_is_as_near():
     distances = []
     for law, rival in (laws, laws[::-1]):
         fit = search(Model(plant, rig.values, 0.01, (law,), substeps=4), parts, 40)
-        chain = Chain(fit, (Finding(0, 0.0, 1.0, ((rival, 500.0),)),))
-        (found,) = with_rivals_of_short_windows(chain, context).findings
+        selection = Selection(fit, (Finding(0, 0.0, 1.0, ((rival, 500.0),)),))
+        (found,) = with_rivals_of_short_windows(selection, context).findings
         distances.append(found.rivals[0][1])
     assert distances == [500.0, 0.0]

@@ -6,7 +6,7 @@ from dataclasses import replace
 from traced_rig import fitted, PLANT, record
 
 from hydro_twin.inference.determined import is_determined, without_undetermined
-from hydro_twin.inference.findings import Chain, Finding
+from hydro_twin.inference.findings import Finding, Selection
 from hydro_twin.inference.select import search
 from hydro_twin.model import place
 
@@ -20,6 +20,6 @@ def test_a_loop_that_is_not_there_is_dropped_and_friction_that_is_there_stays():
     fit = search(replace(alone.candidate, effects=placed), parts, 40)
     assert [is_determined(fit, k) for k in (0, 1)] == [True, False]
     findings = tuple(Finding(k, 0.0, 0.5, ()) for k in (0, 1))
-    kept = without_undetermined(Chain(fit, findings), alone, parts)
+    kept = without_undetermined(Selection(fit, findings), alone, parts)
     assert [placed.effect.id for placed in kept.fit.candidate.effects] == ['friction']
     assert [found.index for found in kept.findings] == [0]

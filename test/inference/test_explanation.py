@@ -11,7 +11,7 @@ from hydro_twin.fitting.coloured import is_coloured
 from hydro_twin.inference import explanation, screen
 from hydro_twin.inference.context import Context
 from hydro_twin.inference.explanation import explain
-from hydro_twin.inference.findings import Chain, finding
+from hydro_twin.inference.findings import finding, Selection
 from hydro_twin.inference.select import search
 from hydro_twin.model import Model, place
 from hydro_twin.plants import plant_named
@@ -63,20 +63,20 @@ def stub_searches(monkeypatch, *chains):
         return base, next(ends)(base, context), []
 
     monkeypatch.setattr(explanation, '_selected', grown)
-    monkeypatch.setattr(explanation, 'with_curve', lambda chain, base, context:
-                        (chain, None, None))
+    monkeypatch.setattr(explanation, 'with_curve', lambda selection, base, context:
+                        (selection, None, None))
 
 
 def nothing(base, context):
     """Name no effect."""
-    return Chain(base)
+    return Selection(base)
 
 
 def a_zone(base, context, *more):
     """Name the dead zone, and more."""
     zone = place('dead_zone', 'command', {'width': 0.9, 'centre': -0.4}, PLANT)
     fit = search(replace(base.candidate, effects=(zone, *more)), context.parts, 40)
-    return Chain(fit, tuple(finding(base, fit, (), k) for k in range(1 + len(more))))
+    return Selection(fit, tuple(finding(base, fit, (), k) for k in range(1 + len(more))))
 
 
 def a_zone_and_a_limit(base, context):
