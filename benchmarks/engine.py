@@ -27,7 +27,7 @@ from hydro_twin.fitting.problem import Problem
 from hydro_twin.fitting.unknowns import effect_unknowns, get, plant_unknowns, timing_unknowns
 from hydro_twin.model import Model, place
 from hydro_twin.plants import plant_named
-from hydro_twin.predictors.sensitivities import run_parts_with_slopes
+from hydro_twin.predictors.sensitivities import run_with_sensitivities
 from hydro_twin.predictors.tangents import tangent_of
 
 PLANT = plant_named('load_simulator')
@@ -113,7 +113,7 @@ def alone(fit: Problem) -> float:
     edges = np.array([0, len(part.inputs)])
 
     def with_slopes() -> tuple[FloatArray, FloatArray]:
-        return run_parts_with_slopes(system, by, tangents, part.inputs, edges, x[None], z[None])
+        return run_with_sensitivities(system, by, tangents, part.inputs, edges, x[None], z[None])
 
     more, _ = timed(with_slopes, 1)
     print(f'first call: {compiling:.1f} s for the run, {more:.1f} s more for its derivatives '

@@ -344,7 +344,7 @@ class TraceResult:
         tested: the test part: the first third (3) of every series, its second sixth (6), every
             third series (1), or recordings of its own (0).
         horizon: longest window [s] of the error over a horizon, where that judges: the plant
-            integrates, or forgets its start so slowly that a free run says little else.
+            integrates, or forgets its initial state so slowly that a free run says little else.
         before, after: the models without and with all that was found, with standard errors and
             with the errors that are reported.
         combinations: 'before' and 'after' -> of each of the plant's combinations the value and

@@ -1,8 +1,8 @@
 """The error over a horizon: free runs in windows, for plants whose long free runs drift.
 
 Where a plant integrates, a free run of a whole series adds up every small error of the laws; where
-it forgets slowly, that of its start lasts. A window is as long as shows what the laws do, and
-begins at a state of its own, estimated from its samples as `eliminate` says.
+it forgets slowly, the error of its initial state lasts. A window is as long as shows what the laws
+do, and has an initial state of its own, estimated from its samples, see `eliminate`.
 """
 from __future__ import annotations
 
@@ -88,7 +88,7 @@ def moving_windows(parts: Sequence[Part], plant: Plant, sample_time: float
 
 
 def errors_over_horizon(model: Model, recording: Recording) -> list[FloatArray]:
-    """Return measured less predicted over each window, scored samples only.
+    """Return measured minus predicted over each window, scored samples only.
 
     Raises:
         DataError: no series is long enough.
@@ -100,8 +100,8 @@ def errors_over_horizon(model: Model, recording: Recording) -> list[FloatArray]:
 def judged_errors(model: Model, recording: Recording) -> tuple[list[FloatArray], bool]:
     """Return the errors that say most of the laws, and whether they are over a horizon.
 
-    A free run says more of its starts where the plant integrates; and where it forgets slowly, so
-    that the error of a start, which few samples show, lasts.
+    A free run says more of its initial states than of the laws where the plant integrates; and
+    where it forgets slowly, so that the error of an initial state, which few samples show, lasts.
 
     Raises:
         DataError: no series is long enough.

@@ -11,7 +11,7 @@ from hydro_twin.arrays import FloatArray, IntArray
 from hydro_twin.compiled import compiled
 from hydro_twin.fitting.first_samples import FirstSamples
 from hydro_twin.fitting.initial_states import InitialStates
-from hydro_twin.predictors.sensitivities import run_parts_with_slopes
+from hydro_twin.predictors.sensitivities import run_with_sensitivities
 from hydro_twin.predictors.system import System
 from hydro_twin.predictors.tangents import NONE, tangent_of
 
@@ -216,7 +216,7 @@ class InitialStateSearch:
     def differentiate(self, parts: IntArray, counts: IntArray, free: int) -> None:
         """Run from the states of parts with derivatives by the first free coordinates."""
         state, N = self.state[parts], int(counts[parts].max())
-        _, slopes = run_parts_with_slopes(
+        _, slopes = run_with_sensitivities(
             self.system, NONE, (self.tangent,),
             self.inputs[parts, :N].reshape(-1, self.inputs.shape[2]),
             N * np.arange(len(parts) + 1), state[:, :self.n], state[:, self.n:])

@@ -13,7 +13,7 @@ from hydro_twin.fitting.initial_states import InitialStates
 from hydro_twin.fitting.parts import edges_of, Part
 from hydro_twin.model import Model
 from hydro_twin.predictors.scores import rms
-from hydro_twin.predictors.sensitivities import run_parts_with_slopes
+from hydro_twin.predictors.sensitivities import run_with_sensitivities
 from hydro_twin.predictors.tangents import NONE, tangents_of
 
 DIVERGED = 1e30         # error of a sample after a run has diverged: more than any that has not
@@ -106,7 +106,7 @@ def fitted_residuals(model: Model, parts: Sequence[Part]) -> list[FloatArray]:
                  ) -> Eliminated:
         some = [parts[k] for k in which]
         edges = edges_of(len(part.measured) for part in some)
-        y, slopes = run_parts_with_slopes(
+        y, slopes = run_with_sensitivities(
             model.system, NONE, tangents, np.concatenate([part.inputs for part in some]), edges,
             initial.x, initial.z, [part.start for part in some])
         ran, by_state = (np.split(one[:, 0], edges[1:-1]) for one in (y, slopes))

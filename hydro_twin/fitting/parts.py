@@ -16,7 +16,7 @@ from hydro_twin.predictors.kernel import LIMIT
 from hydro_twin.predictors.scores import rms
 from hydro_twin.recording.series import Recording
 
-STILL = 0.1             # of the movement of a part: its start is longer where it moves less
+STILL = 0.1             # of the movement of a part: more first samples where it moves less
 LOST = 10.0             # and less than so many times the noise
 LONGEST = 8             # times the start-up of the plant
 SCORED = 20             # least samples scored: some for each parameter, and for the noise
@@ -137,7 +137,7 @@ def moved_between(parts: Sequence[Part]) -> tuple[float, float]:
 
 
 def least_samples(plant: Plant, sample_time: float) -> int:
-    """Count the samples that a series must have to be fitted: as many scored as for its start."""
+    """Count the samples that a fit needs of a series: as many scored as for its initial state."""
     start_up = plant.start_samples(sample_time)
     return start_up + max(start_up, SCORED)
 

@@ -20,7 +20,7 @@ from hydro_twin.fitting.parts import Part
 from hydro_twin.fitting.unknowns import coordinates_of, get, put, Unknown, usual
 from hydro_twin.model import Model
 from hydro_twin.parallel import in_processes
-from hydro_twin.predictors.sensitivities import run_parts_with_slopes
+from hydro_twin.predictors.sensitivities import run_with_sensitivities
 from hydro_twin.predictors.system import System
 from hydro_twin.predictors.tangents import Directions, tangents_of
 
@@ -189,7 +189,7 @@ class Problem:
                      ) -> Eliminated:
             """Run over some parts, and eliminate their initial states."""
             layout = self.layout.at(parts)
-            residual, rows = self.residual(layout, parts, *run_parts_with_slopes(
+            residual, rows = self.residual(layout, parts, *run_with_sensitivities(
                 system, by, tangents, layout.inputs, layout.edges, initial.x, initial.z,
                 [self.parts[k].start for k in parts], self.sensors), scales)
             return eliminate(residual, rows[:, by.count:], response, layout.of_parts,

@@ -1,4 +1,4 @@
-"""Effects of a size that the data do not determine: all they change is where the runs start."""
+"""Effects of a size that the data do not determine: they only change the initial states."""
 from __future__ import annotations
 
 from collections.abc import Sequence
@@ -20,7 +20,7 @@ WIDEST = 0.5            # relative standard error up to which a size differs fro
 def without_undetermined(selection: Selection, base: Fit, parts: Sequence[Part]) -> Selection:
     """Drop each effect with a state of its own that no part of the data determines.
 
-    The state at the start of each part is free. Where the model misses much, a filter of any time
+    The initial state of each part is free. Where the model misses much, a filter of any time
     constant, or a loop of any width, may make up for some of it there, and so in all that follows,
     on held-out data, too.
 

@@ -147,7 +147,7 @@ def _orthogonal(output: FloatArray, basis: FloatArray) -> FloatArray:
 
 @dataclass(frozen=True)
 class _Without:
-    """A model before an effect is added: its states at the starts, and what it misses, (N,)."""
+    """A model before an effect is added: its initial states, and its residual, (N,)."""
 
     candidate: Model
     states: FloatArray

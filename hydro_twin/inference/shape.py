@@ -38,7 +38,7 @@ def free_curves(fit: Fit, placed: Placed, seen: Sequence[Passing], name: str) ->
     """Fit a free curve of what is added at a port over a signal; two for a law with memory.
 
     Least squares on what the model leaves plus what the effect does, whitened by the memory of
-    the former; all else in the model stays as it is, but for the state at the start of each part,
+    the former; all else in the model stays as it is, but for the initial state of each part,
     of which the first samples tell little. Standard errors are by blocks, so that they hold where
     something structured is left, each as if it were predicted by the others, since a knot may be
     visited in a few only [Bell and McCaffrey 2002, the jackknife].

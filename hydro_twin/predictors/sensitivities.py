@@ -1,4 +1,4 @@
-"""Free runs with their derivatives: by parameters, timing, and the state at their start.
+"""Free runs with their derivatives by parameters, timing and the initial state.
 
 The runs are those of the kernel, to the last digit.
 """
@@ -88,7 +88,7 @@ def bound(dy, edges, limit):  # type: ignore[no-untyped-def]
                         dy[k, q, column] = 0.0
 
 
-def run_parts_with_slopes(
+def run_with_sensitivities(
     system: System, by: Directions, tangents: Sequence[Tangent], inputs: FloatArray,
     edges: IntArray, x: FloatArray, z: FloatArray, starts: Sequence[int | None] = (),
     sensors: Sequence[str] = (),
@@ -98,10 +98,10 @@ def run_parts_with_slopes(
     Args:
         system: what is run.
         by: the unknowns.
-        tangents: of each of its stages by these and by the state at the start, see `tangent_of`.
+        tangents: of each of its stages by these and by the initial state, see `tangent_of`.
         inputs: of all parts, (N, m).
         edges: where each part begins there, and where the last one ends, (P + 1,).
-        x: the states at their starts, (P, n).
+        x: their initial states, (P, n).
         z: what the effects keep there, (P, memory).
         starts: stamp of the first sample of each [ns]; None, or none at all, stands for now.
         sensors: names of K that are wanted beside the output.

@@ -141,7 +141,7 @@ class System:
         return y
 
     def free_response(self, samples: int) -> FloatArray:
-        """How the output moves with the state at the start, linear laws, (samples, n)."""
+        """Response of the output to each initial state by the linear laws, (samples, n)."""
         response, step = self.laws.C[:1], expm(self.laws.A * self.step.sample_time)
         while len(response) < samples:
             response, step = np.vstack([response, response @ step]), step @ step

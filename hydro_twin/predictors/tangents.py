@@ -132,7 +132,7 @@ def tangents_of(system: System, by: Callable[[System], Directions]) -> list[Tang
 
 
 def tangent_of(system: System, by: Directions) -> Tangent:
-    """Differentiate the matrices of a step, with columns for the state at the start.
+    """Differentiate the matrices of a step, with columns for the initial state.
 
     Args:
         system: what is run.

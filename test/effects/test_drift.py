@@ -17,7 +17,7 @@ from hydro_twin.inference.trace import trace
 from hydro_twin.model import Model, Noise, place, read_model, write_model
 from hydro_twin.plants import PLANTS
 from hydro_twin.predictors.analytical import Analytical
-from hydro_twin.predictors.sensitivities import run_parts_with_slopes
+from hydro_twin.predictors.sensitivities import run_with_sensitivities
 from hydro_twin.predictors.system import assemble, STAGES
 from hydro_twin.predictors.tangents import tangents_of
 from hydro_twin.recording.series import Recording, Series
@@ -139,7 +139,7 @@ def test_derivatives_of_a_run(parameters):
     tangents = tangents_of(candidate.system,
                            lambda stage: problem.directions(candidate, stage)[0])
     x = np.zeros(LOAD.order)
-    y, found = (some[:, 0] for some in run_parts_with_slopes(
+    y, found = (some[:, 0] for some in run_with_sensitivities(
         candidate.system, by, tangents, part.inputs, np.array([0, len(part.inputs)]), x[None],
         np.zeros((1, 0)), [part.start]))
     np.testing.assert_array_equal(y, candidate.system.run(part.inputs, x, start=part.start))

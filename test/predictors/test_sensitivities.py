@@ -16,7 +16,7 @@ from hydro_twin.fitting.unknowns import effect_unknowns, get, plant_unknowns, ti
 from hydro_twin.inference.screen import spans
 from hydro_twin.model import Model, place
 from hydro_twin.plants import PLANTS
-from hydro_twin.predictors.sensitivities import run_parts_with_slopes
+from hydro_twin.predictors.sensitivities import run_with_sensitivities
 from hydro_twin.predictors.system import assemble, HOLD, LINEAR
 from hydro_twin.predictors.tangents import Directions, tangent_of, tangents_of
 
@@ -82,8 +82,9 @@ def unknowns_of(candidate):
 
 def of_one_part(system, by, tangents, inputs, x, z, start=None, sensors=()):
     """Run over one part; returns output and sensors, and their derivatives."""
-    y, slopes = run_parts_with_slopes(system, by, tangents, inputs, np.array([0, len(inputs)]),
-                                      x[None], z[None], [start], sensors)
+    y, slopes = run_with_sensitivities(
+        system, by, tangents, inputs, np.array([0, len(inputs)]), x[None], z[None], [start],
+        sensors)
     return y.T, slopes.transpose(1, 0, 2)
 
 
@@ -201,8 +202,8 @@ def test_parts_run_together_as_each_by_itself(effects):
     x = 1e-3 * rng.standard_normal((len(inputs), plant.order))
     z = 1e-4 * rng.standard_normal((len(inputs), system.memory))
     starts, edges = [0, 300_000_000, None], np.cumsum([0, *map(len, inputs)])
-    together = run_parts_with_slopes(system, by, tangents, np.concatenate(inputs), edges, x, z,
-                                     starts, ['p_L'])
+    together = run_with_sensitivities(system, by, tangents, np.concatenate(inputs), edges, x, z,
+                                      starts, ['p_L'])
     plain = system.run_parts(np.concatenate(inputs), edges, x, z, starts)
     for k, (begin, end) in enumerate(pairwise(edges)):
         y, slopes = (some[begin:end] for some in together)
