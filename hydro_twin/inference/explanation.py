@@ -95,7 +95,8 @@ def _by_likelihood(base: Fit, selection: Selection, context: Context) -> Explana
     parts, given = context.parts, base.candidate.effects
     white = replace(context, parts=whitened(parts, selection.fit),
                     held_out=whitened(context.held_out, selection.fit), known={}, fits={})
-    known = [replace(base.candidate, effects=(*given, placed))
+    known = [replace(base.candidate, values=selection.fit.candidate.values,
+                     effects=(*given, placed))
              for placed in selection.fit.candidate.effects[len(given):]]
     there, again, alternatives = _selected(search(base.candidate, white.parts, LONG), white, known)
     wider = beam_search(again, there, alternatives, white)

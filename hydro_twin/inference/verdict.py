@@ -34,11 +34,20 @@ def is_structured(found: Evidence, level: float) -> bool:
                 or found.is_larger_held_out or found.is_loud or (p_value < level and share > LEFT))
 
 
-def leaves_much(found: Evidence) -> bool:
-    """Whether much of what the linear model misses is left, and cannot be noise."""
+def leaves_much(found: Evidence, share: float) -> bool:
+    """Whether much is left beside an effect that cannot be noise.
+
+    Of what the linear model misses, or more than the effect explains: as little as that may make
+    up for the errors of other laws.
+
+    Args:
+        found: the evidence.
+        share: of the mean square without the effect, that it explains.
+    """
     before, after, noise = (error**2 for error in (
         found.before.error, found.after.error, found.floor))
-    return found.exceeds_noise and after - noise > MUCH * (before - noise)
+    explained = after * share / max(1.0 - share, 1e-12)
+    return found.exceeds_noise and after - noise > min(MUCH * (before - noise), explained)
 
 
 def named_effects(found: Evidence) -> tuple[NamedEffect, ...]:
@@ -72,7 +81,7 @@ def _judge(found: Evidence, finding: Finding, reach: Mapping[Port, Span],
     samples = len(found.after.main.residual)
     telling = finding.share / (1.0 - min(finding.share, 1.0 - 1e-12)) * samples
     settled = telling > TELLING and found.white and not is_structured(found, LIKELY)
-    unknown = SETTLED if settled else POOR if leaves_much(found) else DOUBTFUL
+    unknown = SETTLED if settled else POOR if leaves_much(found, finding.share) else DOUBTFUL
     among = shares({placed.effect.id: 0.0, **dict(rivals)}, samples)
     return NamedEffect(
         finding.index, placed, finding.p_value, finding.share, unknown,

@@ -145,6 +145,17 @@ def test_a_name_is_doubtful_where_much_is_left_that_cannot_be_noise(
     assert {one.law_unknown for one in named_effects(found)} == {unknown}
 
 
+@pytest.mark.parametrize(('share', 'unknown'), [(0.6, DOUBTFUL), (0.4, POOR)])
+def test_a_name_is_doubtful_where_more_is_left_than_it_explains(rubbing, share, unknown):
+    """What is left is 0.96 of the mean square after it, and a twentieth of the one before."""
+    before, after = (replace(rubbing.after, residual=error * np.ones(1000), lengths=(1000,))
+                     for error in (4.5, 1.0))
+    finding = replace(rubbing.findings[0], share=share)
+    found = replace(rubbing, white=False, before=before, after=after, floor=0.2,
+                    findings=(finding,))
+    assert [one.law_unknown for one in named_effects(found)] == [unknown]
+
+
 def test_what_held_out_data_do_not_prove_is_less_probable(rubbing):
     doubted = replace(rubbing, findings=tuple(
         replace(found, doubt=0.2) for found in rubbing.findings))
