@@ -1,14 +1,14 @@
-"""The fit where what is left is coloured noise: by its likelihood as an autoregressive process.
+"""Maximum-likelihood fit with coloured noise, modelled as an autoregressive process.
 
-Least squares weighs all frequencies alike. Where the noise is mostly slow, the fast ones tell more
-of the parameters than it allows for: the estimates scatter more than they need. So the noise is
-estimated with the fit, in turn: the process of what is left, then the fit of what it whitens
-[Cochrane and Orcutt 1949].
+Least squares weights all frequencies equally. If the noise is mostly at low frequencies, it gives
+too little weight to the high ones, and the estimates have a larger variance than necessary. So the
+noise model and the parameters are estimated in turn: an autoregressive model of the residual, then
+a fit to the data that it whitens [Cochrane and Orcutt 1949].
 
-That holds for noise only. What a law that is lacking leaves is coloured, too, and a filter would
-hide it. So what is left must be noise by three tests: the port signals do not predict that of the
-output, the process explains all of its memory, and the two fits differ by no more than their
-scatter [Hausman 1978].
+This is valid for noise only. A missing law also leaves a coloured residual, and a filter would
+hide it. So the residual must pass three tests: the port signals do not predict that of the
+output, whitening leaves no autocorrelation, and the two estimates differ by no more than their
+standard errors explain [Hausman 1978].
 """
 from __future__ import annotations
 
@@ -38,9 +38,9 @@ CHANCE = 1e-3           # level at which two fits differ by more than their scat
 
 
 def is_coloured(fit: Fit) -> bool:
-    """Whether most of what a fit leaves of the output could be predicted from what it left before.
+    """Whether past residuals of the output predict most of the power of the present one.
 
-    Least squares then wastes most of what the recording shows.
+    Least squares is then far from efficient.
     """
     pieces = fit.by_part
     return rms(whiten(pieces, autoregression(pieces))) < COLOURED * fit.error
@@ -95,11 +95,11 @@ def with_coloured_noise(fit: Fit, parts: Sequence[Part]) -> Fit:
 
 
 def _differ(ordinary: Fit, coloured: Fit) -> bool:
-    """Whether a fit by the likelihood of coloured noise is further off than such noise allows.
+    """Whether the fit with coloured noise differs significantly from that by least squares.
 
-    Of noise, both estimate the same: that of least squares lies within its scatter, by which the
-    sum of squares rises as twice a log-likelihood does, a chi-square of as many degrees as there
-    are unknowns.
+    If the residual is noise, both estimate the same parameters. The rise of the sum of squares
+    above its minimum, as twice a log-likelihood, is then chi-square distributed with as many
+    degrees of freedom as there are unknowns.
     """
     pairs = zip(coloured.by_output, ordinary.by_output, strict=True)
     rise = sum(effective_gain(*pair) for pair in pairs)

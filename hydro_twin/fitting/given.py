@@ -1,8 +1,8 @@
-"""On which parameters that no recording determines the size of an effect depends.
+"""The unidentifiable plant parameters that the size of an effect is conditional on.
 
-Of a combination that acts together, as T_c / k_1, one member is searched and the others stay where
-they are. An effect that sits between them is then known in their units only: twice the k_1 before
-a dead zone, and twice its width, and nothing else is different.
+Of a combination that acts only together, as T_c / k_1, one member is fitted and the others are
+held. The size of an effect between them is then known only relative to those that are held: with
+T_c / k_1 fixed, doubling k_1 and the width of a dead zone behind it does not change the output.
 """
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ PARTNER = 0.1           # weight from which a parameter counts as part of a dire
 SAME = 0.05             # of a movement that the effects do not follow: they make up for the rest
 
 
-def given(fit: Fit, parts: Sequence[Part]) -> Mapping[str, tuple[str, ...]]:
+def conditional_on(fit: Fit, parts: Sequence[Part]) -> Mapping[str, tuple[str, ...]]:
     """Say for which parameters of the plant, as they stand, those of the effects are stated.
 
     Args:

@@ -98,10 +98,10 @@ def errors_over_horizon(model: Model, recording: Recording) -> list[FloatArray]:
 
 
 def judged_errors(model: Model, recording: Recording) -> tuple[list[FloatArray], bool]:
-    """Return the errors that say most of the laws, and whether they are over a horizon.
+    """Return the errors that test the laws best, and whether they are over a horizon.
 
-    A free run says more of its initial states than of the laws where the plant integrates; and
-    where it forgets slowly, so that the error of an initial state, which few samples show, lasts.
+    Where the plant integrates, or forgets slowly, the error of a free run is dominated by the
+    error of its initial state, which is estimated from few samples.
 
     Raises:
         DataError: no series is long enough.

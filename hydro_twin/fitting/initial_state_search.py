@@ -91,10 +91,10 @@ class InitialStateSearch:
     def search(self) -> FloatArray:
         """Search from rest, and where that fits poorly from other states, too; returns (P, c).
 
-        Where a mass turns back, its friction does, too: no step leads there from a state from
-        which it turns at another time. Before that the search is easy. A gap may be met on either
-        side, and a search from one does not lead to the other; nor does the output show the
-        memory of a play inside of its gap.
+        Where a mass reverses, its friction changes sign: no step leads there from a state from
+        which it reverses at another time. With the samples before that, the search is easy. A gap
+        may be entered from either side, and a search from one does not reach the other; nor does
+        the output determine the memory of a play inside its gap.
         """
         every = np.arange(len(self.counts))
         if len(self.system.step.effects) == 0:

@@ -107,7 +107,7 @@ class Likelihood:
                       + squares / size ** 2) / samples, size
 
     def spreads(self, alone: FloatArray, sizes: FloatArray) -> FloatArray:
-        """Say how far off the sensors are, RMS, where only the output is taken in, (K,)."""
+        """RMS innovation of each sensor in an observer that uses the output only, (K,)."""
         deaf = self.noise(np.r_[alone, np.log(DEAF * sizes / self.guess)])
         left = np.concatenate([innovation[:, self.columns]
                                for innovation, _ in self.innovations(deaf)])

@@ -26,15 +26,14 @@ SMALL = 0.03            # singular value over the largest, below which a directi
 def predicted_by_ports(fit: Fit, parts: Sequence[Part]) -> tuple[float, float]:
     """Share of a residual that the port signals predict, in any way, and its p-value.
 
-    The columns are the signals, their odd and even powers and their products in pairs, each at
-    once and through two lags: enough to see that something is left where no single curve shows
-    what. They are those of one sample before, since a controller answers the noise of a sample
-    with the command of the same; nor is what is held against the edge of its range re-tuned, as
-    the timing, by which that command would act at once. Noise, white or coloured, is not
-    predicted.
+    The columns are the signals, their odd and even powers and their pairwise products, each
+    unfiltered and through two lags: they detect structure even where no single curve does. They
+    are taken one sample earlier, since a controller responds to the noise of a sample with the
+    command of the same sample. Unknowns at a bound are not re-tuned either: the timing would let
+    that command act at once. Noise, white or coloured, is not predicted.
     """
     fit, sample_time = fit.main, fit.candidate.sample_time
-    observed = observe(fit.candidate, parts)
+    observed = simulate_port_signals(fit.candidate, parts)
     joined = np.concatenate(observed)
     picked = _distinct(joined)
     largest = np.abs(joined[:, picked]).max(axis=0)
@@ -69,7 +68,7 @@ def _distinct(seen: FloatArray) -> list[int]:
     return picked
 
 
-def observe(candidate: Model, parts: Sequence[Part]) -> list[FloatArray]:
+def simulate_port_signals(candidate: Model, parts: Sequence[Part]) -> list[FloatArray]:
     """Run over parts and return what passes at ports and signals."""
     all_seen = []
     for part in parts:

@@ -17,7 +17,7 @@ from hydro_twin.fitting.initial_states import InitialStates
 from hydro_twin.fitting.output_error import initial_states, linear_response
 from hydro_twin.fitting.outputs import Layout, Pieces, sensors_in, Stack
 from hydro_twin.fitting.parts import Part
-from hydro_twin.fitting.unknowns import coordinates_of, get, put, Unknown, usual
+from hydro_twin.fitting.unknowns import coordinates_of, get, log_search_box, put, Unknown
 from hydro_twin.model import Model
 from hydro_twin.parallel import in_processes
 from hydro_twin.predictors.sensitivities import run_with_sensitivities
@@ -95,7 +95,7 @@ class Problem:
         self.stacks = [Stack.of(part, self.sensors, base.start_up) for part in parts]
         self.pieces = Pieces.of(self.stacks)
         self.size, self.lengths = float(self.pieces.sizes[0]), self.pieces.lengths
-        box = usual(base.plant)
+        box = log_search_box(base.plant)
         edges = [box[u.name] if u.owner == '' else (-math.inf, math.inf) for u in self.unknowns]
         self.low, self.high = np.array(edges).T
         starts = coordinates_of(base, self.unknowns)

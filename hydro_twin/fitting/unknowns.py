@@ -99,7 +99,7 @@ def left_alone(plant: Plant) -> set[str]:
     return {name for combination in plant.combinations for name in list(combination)[1:]}
 
 
-def usual(plant: Plant) -> dict[str, tuple[float, float]]:
+def log_search_box(plant: Plant) -> dict[str, tuple[float, float]]:
     """Logarithmic search box of each parameter, where those that are not fitted are in the middle.
 
     The box of a parameter that stands for a combination is that of the combination.

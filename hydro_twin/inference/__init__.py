@@ -1,1 +1,1 @@
-"""The residual: is anything left, what is it, and is that certain."""
+"""Inference from the residual: whether it has structure, which effects explain it, how surely."""

@@ -9,17 +9,17 @@ import numpy as np
 
 from hydro_twin.fitting.fit import Fit
 from hydro_twin.fitting.parts import Part
-from hydro_twin.inference.criterion import criterion
+from hydro_twin.inference.criterion import delta_bic
 
 
-def goes_with_time(drift: Fit, apart: Sequence[Fit]) -> bool:
+def is_drift_preferred(drift: Fit, apart: Sequence[Fit]) -> bool:
     """Whether a drift describes recordings better than a model of its own for each, by BIC.
 
     Args:
         drift: a fit with a parameter that drifts, to all.
         apart: those without it, one to each.
     """
-    steady, different = criterion([drift.main, joined(apart)],
+    steady, different = delta_bic([drift.main, joined(apart)],
                                   [drift.free, sum(fit.free for fit in apart)])
     return steady < different
 

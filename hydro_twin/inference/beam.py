@@ -12,7 +12,7 @@ import numpy as np
 
 from hydro_twin.fitting.fit import Fit
 from hydro_twin.inference.context import Context
-from hydro_twin.inference.criterion import CLEARLY, criterion
+from hydro_twin.inference.criterion import CLEARLY, delta_bic
 from hydro_twin.inference.findings import finding, Selection, share
 from hydro_twin.inference.select import Alternative, HOPELESS, refine
 from hydro_twin.inference.stepwise import (
@@ -64,7 +64,7 @@ def beam_search(selection: Selection, base: Fit, alternatives: Sequence[Alternat
     whole = [fit for fit in seen.values() if len(fit.candidate.effects) <= given + MOST_EFFECTS]
     if not whole:
         return selection
-    first, *scores = criterion([selection.fit, *whole])
+    first, *scores = delta_bic([selection.fit, *whole])
     best = whole[int(np.argmin(scores))]
     if not min(scores) < first - CLEARLY:
         return selection
@@ -74,7 +74,7 @@ def beam_search(selection: Selection, base: Fit, alternatives: Sequence[Alternat
     found = tuple(finding(without, best, (), index) for index, without in zip(
         indices, context.without(best, indices), strict=True))
     other = validated(exchange(Selection(best, found), context, last=True), base, context)
-    one, two = criterion([selection.fit, other.fit])
+    one, two = delta_bic([selection.fit, other.fit])
     return other if two < one - CLEARLY else selection
 
 
@@ -88,7 +88,7 @@ def _promising(fit: Fit, alternatives: Sequence[Alternative], selection: Selecti
 def _most(fit: Fit, selection: Selection) -> float:
     """Return the error beyond which an extension of a model is no rival to a selection.
 
-    One that has no more effects may still come near with another.
+    An extension with no more effects than the selection may still match it with one more.
     """
     larger = len(fit.candidate.effects) >= len(selection.fit.candidate.effects)
     return (RIVALS if larger else HOPELESS) * selection.fit.error
@@ -106,7 +106,7 @@ def _best(fits: Iterable[Fit], seen: dict[frozenset[str], Fit]) -> list[Fit]:
         if _kinds(fit) not in seen:
             best.setdefault(_kinds(fit), fit)
     some = list(best.values())
-    scores = criterion(some) if some else []
+    scores = delta_bic(some) if some else []
     return [some[k] for k in np.argsort(scores, kind='stable')[:WIDTH]]
 
 
@@ -119,7 +119,7 @@ def _without_needless(fit: Fit, given: int, context: Context) -> Fit:
     for without in context.without(fit, indices):
         for index in range(given, len(without.candidate.effects)):
             without, = refine([without], context.parts, index)
-        with_it, bare = criterion([fit, without])
+        with_it, bare = delta_bic([fit, without])
         if bare < with_it + CLEARLY or share(without, fit) < LEAST_SHARE:
             return _without_needless(without, given, context)
     return fit

@@ -18,7 +18,7 @@ from hydro_twin.fitting.fit import Fit
 from hydro_twin.fitting.horizon import windows
 from hydro_twin.fitting.parts import least_samples, Part
 from hydro_twin.inference.context import Context
-from hydro_twin.inference.criterion import CLEARLY, criterion
+from hydro_twin.inference.criterion import CLEARLY, delta_bic
 from hydro_twin.inference.findings import Selection
 from hydro_twin.inference.screen import places
 from hydro_twin.inference.select import fit_alternatives, LONG, search, search_all
@@ -51,10 +51,10 @@ def from_short_windows(base: Fit, context: Context) -> list[Model]:
 
 
 def with_rivals_of_short_windows(selection: Selection, context: Context) -> Selection:
-    """Put rivals of an effect as near as it is that are clearly better on short windows.
+    """Set the delta BIC of rivals that are clearly better on short windows to zero.
 
-    What fits long runs better, and short ones worse, is not the law, or not the only one. But a
-    rival with a state of its own fits short windows better for the freedom of where that begins.
+    An effect that fits long runs better, but short ones worse, is not the right law, or not the
+    only one. Rivals with a state of their own are excluded: its free initial value favours them.
     """
     candidate = selection.fit.candidate
     short = _short_windows(candidate, context.parts) if selection.findings else []
@@ -69,7 +69,7 @@ def with_rivals_of_short_windows(selection: Selection, context: Context) -> Sele
             is_free = effect.dynamic or (effect.memory > 0 and not effect.implicit)
             if effect.id not in named and not is_free:
                 rivals.setdefault(effect.id, placed)
-        score, *scores = criterion(list(search_all(
+        score, *scores = delta_bic(list(search_all(
             [candidate, *(with_other(candidate, found.index, placed)
                           for placed in rivals.values())], short, LONG)))
         better = [placed for placed, other in zip(rivals.values(), scores, strict=True)

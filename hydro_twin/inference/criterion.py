@@ -20,7 +20,7 @@ from hydro_twin.predictors.scores import rms
 CLEARLY = 10.0          # difference of the BIC from which one law is preferred to another
 
 
-def criterion(fits: Sequence[Fit], free: Sequence[int] | None = None) -> list[float]:
+def delta_bic(fits: Sequence[Fit], free: Sequence[int] | None = None) -> list[float]:
     """BIC of fits to the same parts over that of the best, which has 0.
 
     The best is the one of the lowest BIC with the effective number of samples. Another is as far
@@ -67,9 +67,9 @@ def _bic(fit: Fit, d: int, rows: Sequence[FloatArray], samples: Sequence[float])
 def gain_p_value(before: Fit, after: Fit, tried: int) -> float:
     """Likelihood-ratio tests of what the last effect adds, times the number of effects tried.
 
-    There are two tests, and the smaller p-value counts, doubled. The one of independent samples
-    sees what takes off most of an error that changes slowly. The one of whitened residuals sees
-    what stands beside a slow error of another cause, as an offset.
+    There are two tests, and the smaller p-value counts, doubled. That with the effective number of
+    samples detects an effect that removes most of a slow error. That with whitened residuals
+    detects one that is masked by a slow error of another cause, such as an offset.
     """
     added = max(1, len(after.unknowns) - len(before.unknowns))
     log_p = float(stats.chi2.logsf(max(_gain(before, after), 0.0), added)) + math.log(2 * tried)
@@ -77,9 +77,9 @@ def gain_p_value(before: Fit, after: Fit, tried: int) -> float:
 
 
 def refinement_gain(simple: Fit, refined: Fit) -> float:
-    """BIC that a refinement of a law takes off, by the larger of the same two gains.
+    """Return the reduction of the BIC by a refinement, from the larger of the same two gains.
 
-    Less than nothing, if it does not lower what the fits minimise.
+    It is -inf if the refinement does not lower the cost.
     """
     if not refined.cost < simple.cost:
         return -math.inf

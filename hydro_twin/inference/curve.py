@@ -13,13 +13,13 @@ from hydro_twin.fitting.fit import Fit
 from hydro_twin.fitting.output_error import free_run_error
 from hydro_twin.fitting.parts import Part
 from hydro_twin.fitting.port_signals import predicted_by_ports
-from hydro_twin.inference.criterion import CLEARLY, criterion, gain_p_value
+from hydro_twin.inference.criterion import CLEARLY, delta_bic, gain_p_value
 from hydro_twin.inference.held_out import held_out_gain, residuals
 from hydro_twin.inference.noise import COLOURED, noise_floor
-from hydro_twin.inference.passing import passing
+from hydro_twin.inference.passing import effect_signals
 from hydro_twin.inference.screen import spans
 from hydro_twin.inference.select import search_all
-from hydro_twin.inference.structure import shows
+from hydro_twin.inference.structure import is_significant_dependence
 from hydro_twin.model import Model
 from hydro_twin.plants import Port
 from hydro_twin.predictors.system import signal_row
@@ -76,7 +76,7 @@ def find_curve(fit: Fit, parts: Sequence[Part], held_out: Sequence[Part],
     Returns:
         None where no curve improves the free run on held-out data.
     """
-    if not curves or (not any(map(shows, curves))
+    if not curves or (not any(map(is_significant_dependence, curves))
                       and predicted_by_ports(fit, parts)[1] > PREDICTED):
         return None
     places = distinct(curves)[:MOST]
@@ -100,7 +100,7 @@ def find_curve(fit: Fit, parts: Sequence[Part], held_out: Sequence[Part],
         fits[:len(tried)], fits[len(tried):], strict=True)]
     # Again, with knots over what the signal reaches by now.
     fits = list(search_all([_spread(one.candidate, parts) for one in nearer], parts, LONG))
-    scores = criterion(fits)
+    scores = delta_bic(fits)
     first, *rest = sorted(range(len(fits)), key=lambda k: scores[k])
     p_value = gain_p_value(fit, fits[first], len(curves))
     helps = held_out_gain(fit, fits[first], held_out, seed)
@@ -130,21 +130,22 @@ def is_better(found: FittedCurve, base: Fit, named: Fit, curves: Sequence[Depend
     """
     here = [found.placed, *(other for other, distance in found.others if distance < CLEARLY)]
     biased = any(is_bias(placed) for placed in named.candidate.effects)
-    drawn = (any(is_drawn((one.port, one.effect.reads[0]), named, curves) for one in here)
+    drawn = (any(has_equivalent_law((one.port, one.effect.reads[0]), named, curves)
+                 for one in here)
              and explains_most(base, named, found.fit))
     if drawn or (biased and is_mostly_constant(found.fit, held_out)):
         return False
-    with_curve, with_names = criterion([found.fit, named])
+    with_curve, with_names = delta_bic([found.fit, named])
     return (with_curve < with_names - CLEARLY and outweighs(found.fit, named, held_out)
             and held_out_gain(named, found.fit, held_out, seed).high > 0.0)
 
 
 def outweighs(with_curve: Fit, named: Fit, held_out: Sequence[Part]) -> bool:
-    """Whether a curve takes more off the error of names than it leaves above the noise itself.
+    """Whether a curve reduces the error of named effects by more than its own excess over noise.
 
-    A curve with its many values comes nearer to any rig than a law does. Where it reaches the
-    noise, and the law does not, the law is wrong. Where it leaves much itself, both models are
-    only nearly right, and what is as small as their error says nothing against a name.
+    A curve with its many parameters fits any rig better than a law does. If it reaches the noise
+    level and the law does not, the law is wrong. If the curve misfits, too, both models are only
+    approximate, and a difference smaller than their misfit is no evidence against a named effect.
 
     Args:
         with_curve: a model with a free curve.
@@ -162,7 +163,7 @@ def explains_most(base: Fit, named: Fit, with_curve: Fit) -> bool:
     return explained > DRAWN * (base.error**2 - with_curve.error**2)
 
 
-def is_drawn(place: tuple[Port, str], named: Fit, curves: Sequence[Dependence]) -> bool:
+def has_equivalent_law(place: tuple[Port, str], named: Fit, curves: Sequence[Dependence]) -> bool:
     """Whether an effect that was named is a law of that signal at that port, or as good as that.
 
     As a gain of the speed over the position is where the integral of the speed leads on.
@@ -195,7 +196,7 @@ def is_mostly_constant(fit: Fit, parts: Sequence[Part]) -> bool:
     But for a straight line, which the parameters of the plant can take off it.
     """
     placed = fit.candidate.effects[-1]
-    seen = [passing(fit.candidate, placed, part) for part in parts]
+    seen = [effect_signals(fit.candidate, placed, part) for part in parts]
     added = np.concatenate([one.added for one in seen])
     signal = np.concatenate([one.signals[placed.effect.reads[0]] for one in seen])
     mean, moved = added.mean(), signal - signal.mean()
@@ -229,7 +230,7 @@ def _begin(candidate: Model, dependence: Dependence, parts: Sequence[Part], limi
 def _spread(candidate: Model, parts: Sequence[Part]) -> Model:
     """Put the knots of the curve over what its signal reached in the recording."""
     *others, placed = candidate.effects
-    low, high = reached(candidate, parts)
+    low, high = signal_range(candidate, parts)
     if not low < high:
         return candidate
     limit = placed.effect.parameters[-1].upper
@@ -238,7 +239,7 @@ def _spread(candidate: Model, parts: Sequence[Part]) -> Model:
     return replace(candidate, effects=(*others, again))
 
 
-def reached(candidate: Model, parts: Sequence[Part]) -> tuple[float, float]:
+def signal_range(candidate: Model, parts: Sequence[Part]) -> tuple[float, float]:
     """Say what the signal of the curve, the last effect, reached in the recording.
 
     The range that both the run with the curve and the run without it, from rest, reach: a curve,
@@ -253,7 +254,8 @@ def reached(candidate: Model, parts: Sequence[Part]) -> tuple[float, float]:
     else:
         bare = candidate.without(len(candidate.effects) - 1)
         scored = slice(candidate.start_up, None)
-        runs = [[passing(candidate, placed, part).signals[signal][scored] for part in parts], []]
+        runs = [[effect_signals(candidate, placed, part).signals[signal][scored]
+                 for part in parts], []]
         for part in parts:
             seen = np.zeros((len(part.inputs), len(system.step.H)))
             at_rest = bare.system.at(part.start).start(part.inputs[0], part.measured[0])

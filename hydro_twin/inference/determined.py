@@ -30,7 +30,7 @@ def without_undetermined(selection: Selection, base: Fit, parts: Sequence[Part])
         parts: what it was fitted to.
 
     Returns:
-        What is left of it, with coloured noise where it leaves that.
+        The remaining selection, fitted with coloured noise where its residual is coloured.
     """
     selection = replace(selection, fit=with_coloured_noise(selection.fit, parts))
     for k, found in enumerate(selection.findings):

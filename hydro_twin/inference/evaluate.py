@@ -19,7 +19,7 @@ from hydro_twin.fitting.unknowns import get, label
 from hydro_twin.inference.evidence import Evidence
 from hydro_twin.inference.probability import of_verdict
 from hydro_twin.inference.shape import shape_of
-from hydro_twin.inference.structure import drifts
+from hydro_twin.inference.structure import is_drift_significant
 from hydro_twin.inference.verdict import is_structured, LIKELY, named_effects, verdict_of
 from hydro_twin.model import Model
 from hydro_twin.parallel import in_processes
@@ -101,7 +101,7 @@ def _longest_window(found: Evidence) -> float:
 
 
 def _factor(fit: Fit, known: Identifiability) -> Factor:
-    """Keep of what the data determine the parameters, in their units."""
+    """Marginalise the information factor over the timing; the parameters are in their units."""
     unknowns = {label(unknown): unknown for unknown in fit.unknowns}
     columns = [(k, unknowns[name]) for k, name in enumerate(known.coordinates)
                if unknowns[name].owner != 'timing']
@@ -193,7 +193,7 @@ def _remainder(found: Evidence) -> Remainder:
     return Remainder(
         error=found.after.error, held_out_error=found.held_out_error, white=found.white,
         lines=found.lines, spells=_spells(found), depends_on=found.depends_on,
-        drifts=drifts(found.drifts), by_ports=found.by_ports, loud=found.is_loud,
+        drifts=is_drift_significant(found.drifts), by_ports=found.by_ports, loud=found.is_loud,
         larger_held_out=found.is_larger_held_out, structured=is_structured(found, LIKELY))
 
 

@@ -93,9 +93,9 @@ class Evidence:
 
     @property
     def fails(self) -> bool:
-        """Whether the model does not fit, and nothing was found that would help.
+        """Whether the model does not fit, and nothing was found that improves it.
 
-        Then what an effect would have shown beside it says nothing of the recording.
+        Which effects would be detectable is then not evaluated: the residual is not noise.
         """
         return self.additions == 0 and self.is_loud
 

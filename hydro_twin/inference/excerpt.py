@@ -1,9 +1,9 @@
-"""As much of a long recording as it takes to fit and to tell effects apart.
+"""An excerpt of a long recording that is enough to fit a model and to distinguish effects.
 
-Stretches, because where a plant integrates a long free run adds up what its laws miss, until
-little else can be seen, and has many local minima; and thinner than recorded, where nothing
-happens between the samples that are left. Neither choice depends on how well a model with effects
-does, so that it cannot favour one.
+It consists of stretches, because a long free run of a plant that integrates accumulates the model
+error until that dominates, and has many local minima. They are downsampled where the free run
+hardly changes by it. Neither choice depends on how well a model with effects fits, so that it
+cannot favour one.
 """
 from __future__ import annotations
 

@@ -142,10 +142,11 @@ def _weak(model: Model, errors: Mapping[str, float | None],
 
 
 def _motions(fit: Fit, noise: float, size: float) -> dict[str, tuple[str, float, float]]:
-    """Find for each parameter the sine of one input that would show most of it beside the rest.
+    """Find for each parameter the sine of one input that would reduce its standard error most.
 
-    Of a prior that says no more than the box does, the recording, and as many samples of a sine
-    that moves the output by as much, at the frequency where that input moves it most.
+    The Fisher information is the sum of a prior as wide as the box, of the recording, and of as
+    many samples of the sine, whose amplitude would move the output by `size` at the frequency of
+    the largest response.
 
     Args:
         fit: of the model to the recording.

@@ -1,9 +1,9 @@
 """What a model lacks: named effects and a free curve, by the likelihood of what they leave.
 
-A plant that integrates adds up whatever disturbs it, as the time of a command between two samples.
-Its residual is then a random walk, of which least squares sees the slow end only: a dead zone
-counts as an offset does. So where the residual of a first search is coloured, it is taken as the
-noise, and the search is repeated by the likelihood of that: on parts that whiten it.
+A plant that integrates accumulates disturbances, as the timing error of commands within a sample.
+Its residual is then a random walk, whose low frequencies dominate the sum of squares: a dead zone
+hardly differs from an offset. So where the residual of a first search is coloured, it is taken as
+noise, and the search is repeated by maximum likelihood: on parts with filters that whiten it.
 """
 from __future__ import annotations
 

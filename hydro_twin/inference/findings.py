@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 
 from hydro_twin.effects import Placed
 from hydro_twin.fitting.fit import Fit
-from hydro_twin.inference.criterion import criterion, gain_p_value
+from hydro_twin.inference.criterion import delta_bic, gain_p_value
 from hydro_twin.inference.noise import noise_floor
 from hydro_twin.inference.select import Alternative
 
@@ -54,7 +54,7 @@ def finding(without: Fit, fit: Fit, others: Sequence[tuple[Placed, Fit]], index:
         others: another effect and the fit with it instead, each.
         index: of the effect.
     """
-    score, *scores = criterion([fit, *(other for _, other in others)])
+    score, *scores = delta_bic([fit, *(other for _, other in others)])
     return Finding(
         index=index, p_value=gain_p_value(without, fit, TRIED),
         share=share(without, fit),

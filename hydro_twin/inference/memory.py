@@ -1,9 +1,9 @@
-"""What earlier recordings still say of a model that was traced in a new one.
+"""Combination of a fit to a new recording with the earlier recordings of the same rig.
 
-A rig that has worn is not the rig of its earlier recordings: one fit to all of them would find a
-mean of the two. But what has not moved is known from both. So both have their say on it, and the
-new recording alone on the rest: the fit of two rigs that share what did not change, linearised
-about its two halves.
+A rig that has worn differs from that of its earlier recordings: one fit to all of them would find
+a mean of the two. Parameters that have not changed are estimated from both, the others from the
+new recording alone. This is a joint fit of two rigs with shared parameters, linearised about the
+model of each.
 """
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ CHANCE = 0.01           # that anything is said to have moved on a rig that did 
 
 
 @dataclass(frozen=True)
-class Remembered:
+class CombinedFit:
     """A fit to a new recording that keeps what is known from earlier ones.
 
     Attributes:
@@ -42,8 +42,8 @@ class Remembered:
     moved: tuple[Unknown, ...]
 
 
-def remember(fit: Fit, parts: Sequence[Part], before: Model, earlier: Sequence[Part]
-             ) -> Remembered:
+def combine_with_earlier(fit: Fit, parts: Sequence[Part], before: Model, earlier: Sequence[Part]
+                         ) -> CombinedFit:
     """Join what a fit found in a new recording with what earlier ones say of the model before.
 
     An unknown that moved between them beyond the standard errors of both, by a two-sided z-test
@@ -58,7 +58,7 @@ def remember(fit: Fit, parts: Sequence[Part], before: Model, earlier: Sequence[P
     """
     shared = _shared(fit, before)
     if not shared:
-        return Remembered(fit, fit.identifiability(), ())
+        return CombinedFit(fit, fit.identifiability(), ())
     problem = Problem(before, [fit.unknowns[k] for k in shared], earlier)
     then = problem.unsearched()
     here = coordinates_of(fit.candidate, fit.unknowns)
@@ -69,8 +69,8 @@ def remember(fit: Fit, parts: Sequence[Part], before: Model, earlier: Sequence[P
     step = _step(fit, rows, [shared[k] for k in kept], -change[kept])
     again = Problem(fit.candidate, fit.unknowns, parts)
     found = again.fit(again.at(np.clip(here + step, *again.bounds())))
-    return Remembered(found, _known(found, then, rows, [shared[k] for k in kept]),
-                      tuple(problem.unknowns[k] for k in moved))
+    return CombinedFit(found, _known(found, then, rows, [shared[k] for k in kept]),
+                       tuple(problem.unknowns[k] for k in moved))
 
 
 def named(candidate: Model, unknown: Unknown) -> str:

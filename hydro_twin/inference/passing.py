@@ -14,7 +14,7 @@ from hydro_twin.predictors import kernel
 
 
 @dataclass(frozen=True)
-class Passing:
+class EffectSignals:
     """What passes at the port of one effect while a model runs over a part.
 
     Attributes:
@@ -28,7 +28,7 @@ class Passing:
     left: FloatArray
 
 
-def passing(candidate: Model, placed: Placed, part: Part) -> Passing:
+def effect_signals(candidate: Model, placed: Placed, part: Part) -> EffectSignals:
     """Run over a part and watch one effect; explicit ones on the same port count together."""
     s = candidate.system
     e, port = s.placed.index(placed), candidate.plant.ports.index(placed.port)
@@ -51,4 +51,5 @@ def passing(candidate: Model, placed: Placed, part: Part) -> Passing:
     effect = s.step.effects[e]
     rows |= dict(zip(placed.effect.reads, (effect['signal_0'], effect['signal_1']),
                      strict=False))
-    return Passing({name: seen[:, row] for name, row in rows.items()}, added, part.measured - y)
+    signals = {name: seen[:, row] for name, row in rows.items()}
+    return EffectSignals(signals, added, part.measured - y)

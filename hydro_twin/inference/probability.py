@@ -24,7 +24,7 @@ MISSED_COLOURED = 0.5   # the first, where more is left than noise of a short me
 MISTAKEN = 0.02
 
 
-def shares(distances: Mapping[str, float], samples: int) -> dict[str, float]:
+def coarsened_posterior(distances: Mapping[str, float], samples: int) -> dict[str, float]:
     """Share a probability out among explanations.
 
     Args:
@@ -38,7 +38,7 @@ def shares(distances: Mapping[str, float], samples: int) -> dict[str, float]:
     return {name: weight / total for name, weight in weights.items()}
 
 
-def chance(p_value: float) -> float:
+def min_null_probability(p_value: float) -> float:
     """Return the least probability that an effect with this p-value is chance.
 
     1 / (1 + 1 / (-e p ln p)), even odds before [Sellke, Bayarri and Berger 2001].
@@ -51,9 +51,9 @@ def chance(p_value: float) -> float:
 
 def of_verdict(verdict: VerdictKind, effects: Sequence[NamedEffect], much: bool
                ) -> tuple[float, float]:
-    """Return the probabilities that nothing is missing, and that a law is which is not known.
+    """Return the probabilities that nothing is missing and that an unknown law is missing.
 
-    What they leave of one is the probability of the effects that were named.
+    The named effects have the remaining probability.
 
     Args:
         verdict: what was found.
@@ -65,5 +65,5 @@ def of_verdict(verdict: VerdictKind, effects: Sequence[NamedEffect], much: bool
         return 1.0 - missed, missed
     if verdict == 'unexplained':
         return MISTAKEN, 1.0 - MISTAKEN
-    nothing = min(chance(effect.p_value) for effect in effects)
+    nothing = min(min_null_probability(effect.p_value) for effect in effects)
     return nothing, (1.0 - nothing) * max(effect.law_unknown for effect in effects)

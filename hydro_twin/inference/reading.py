@@ -1,4 +1,4 @@
-"""Reading a free curve: named laws, alone and composed, that draw it.
+"""Approximation of a free curve by named static laws, alone and composed.
 
 A dead zone with a saturation behind it is one curve, and no single law. So static laws of the
 library are fitted to the curve, by themselves and one behind another along the way of its signal.
@@ -18,9 +18,9 @@ from hydro_twin.effects import Effect, Placed, Span
 from hydro_twin.effects.curve import values
 from hydro_twin.effects.dispatch import code, transmit
 from hydro_twin.fitting.parts import Part
-from hydro_twin.fitting.port_signals import observe
+from hydro_twin.fitting.port_signals import simulate_port_signals
 from hydro_twin.fitting.unknowns import effect_unknowns
-from hydro_twin.inference.passing import passing
+from hydro_twin.inference.passing import effect_signals
 from hydro_twin.inference.screen import places, spans
 from hydro_twin.model import Model
 from hydro_twin.plants import Port
@@ -141,8 +141,9 @@ def _along(candidate: Model, index: int, parts: Sequence[Part]
     """
     placed = candidate.effects[index]
     plant, start_up = candidate.plant, candidate.start_up
-    at_port = [passing(candidate, placed, part) for part in parts]
-    reaching = np.concatenate([seen[start_up:] for seen in observe(candidate, parts)])
+    at_port = [effect_signals(candidate, placed, part) for part in parts]
+    reaching = np.concatenate([
+        seen[start_up:] for seen in simulate_port_signals(candidate, parts)])
     read = placed.effect.reads[0] if placed.effect.reads else 'value'
     signal, own = (np.concatenate([np.nan_to_num(one.signals[name][start_up:]) for one in at_port])
                    for name in (read, 'value'))

@@ -19,7 +19,7 @@ from hydro_twin.effects import Effect, EFFECTS, Placed, sites, Span
 from hydro_twin.fitting.fit import Fit
 from hydro_twin.fitting.output_error import initial_states, residuals_from
 from hydro_twin.fitting.parts import Part, travel_of
-from hydro_twin.fitting.port_signals import observe
+from hydro_twin.fitting.port_signals import simulate_port_signals
 from hydro_twin.fitting.unknowns import left_alone
 from hydro_twin.model import Model
 from hydro_twin.parallel import in_processes
@@ -51,7 +51,7 @@ def spans(candidate: Model, parts: Sequence[Part]) -> dict[Port, Span]:
     anywhere.
     """
     plant = candidate.plant
-    runs = [seen[candidate.start_up:] for seen in observe(candidate, parts)]
+    runs = [seen[candidate.start_up:] for seen in simulate_port_signals(candidate, parts)]
     lows, highs = (np.array([reach(run, axis=0) for run in runs]) for reach in (np.min, np.max))
     low, high = lows.min(axis=0), highs.max(axis=0)
     P = len(plant.ports)
@@ -109,7 +109,7 @@ def screen(fit: Fit, parts: Sequence[Part]) -> list[ScoredEffect]:
     power = float(residual @ residual)
     starts = [placed for effect, port in places(candidate.plant, candidate.effects)
               for placed in _starts(effect, port, reach[port])]
-    without = _without(fit, parts)
+    without = _run_baseline(fit, parts)
     prospects: dict[tuple[str, str], list[ScoredEffect]] = {}
     for placed, moved in zip(
             starts, in_processes(partial(_response, without, parts, basis), starts), strict=True):
@@ -146,7 +146,7 @@ def _orthogonal(output: FloatArray, basis: FloatArray) -> FloatArray:
 
 
 @dataclass(frozen=True)
-class _Without:
+class _Baseline:
     """A model before an effect is added: its initial states, and its residual, (N,)."""
 
     candidate: Model
@@ -154,14 +154,14 @@ class _Without:
     residual: FloatArray
 
 
-def _without(fit: Fit, parts: Sequence[Part]) -> _Without:
+def _run_baseline(fit: Fit, parts: Sequence[Part]) -> _Baseline:
     """Run a fitted model as `_response` runs it with an effect."""
     states = initial_states(fit.candidate, parts).x
-    return _Without(fit.candidate, states,
-                    np.concatenate(residuals_from(fit.candidate, parts, states)))
+    return _Baseline(fit.candidate, states,
+                     np.concatenate(residuals_from(fit.candidate, parts, states)))
 
 
-def _response(without: _Without, parts: Sequence[Part], basis: FloatArray, placed: Placed
+def _response(without: _Baseline, parts: Sequence[Part], basis: FloatArray, placed: Placed
               ) -> FloatArray:
     """Return how an effect would move the output, beyond what re-tuning could do, (N,)."""
     candidate = replace(without.candidate, effects=(*without.candidate.effects, placed))
@@ -208,12 +208,12 @@ def detectable(fit: Fit, parts: Sequence[Part], reach: Mapping[Port, Span]
     everywhere = places(fit.candidate.plant, fit.candidate.effects)
     begun = [_starts(effect, port, reach[port]) for effect, port in everywhere]
     showing = in_processes(
-        partial(_is_detectable, _without(fit, parts), parts, basis, least), begun)
+        partial(_is_detectable, _run_baseline(fit, parts), parts, basis, least), begun)
     return [(effect, port, shown)
             for (effect, port), shown in zip(everywhere, showing, strict=True)]
 
 
-def _is_detectable(without: _Without, parts: Sequence[Part], basis: FloatArray, least: float,
+def _is_detectable(without: _Baseline, parts: Sequence[Part], basis: FloatArray, least: float,
                    starts: Sequence[Placed]) -> bool:
     """Whether an effect moves the output by `least` at any start; the strongest come last."""
     for placed in reversed(starts):

@@ -26,8 +26,8 @@ from hydro_twin.fitting.unknowns import (
     Unknown,
 )
 from hydro_twin.fitting.whiteness import is_white
-from hydro_twin.inference.apart import by_recording, goes_with_time
-from hydro_twin.inference.criterion import CLEARLY, criterion, refinement_gain
+from hydro_twin.inference.apart import by_recording, is_drift_preferred
+from hydro_twin.inference.criterion import CLEARLY, delta_bic, refinement_gain
 from hydro_twin.inference.noise import cannot_be_noise
 from hydro_twin.inference.screen import places, ScoredEffect, screen, spans
 from hydro_twin.inference.starts import (
@@ -253,14 +253,14 @@ def fit_to_convergence(base: Fit, ranked: Sequence[Fit], parts: Sequence[Part],
         done += search_all(moved, parts, LONG)
     fits = [fit for fit in best_at_each_place([*done, *ranked[len(kept):]])
             if is_distinguishable(fit, parts)]
-    if fits and _drifts(fits[0]) and not _goes_with_time(fits[0], parts):
+    if fits and _drifts(fits[0]) and not _is_drift_preferred(fits[0], parts):
         fits = [fit for fit in fits if not _drifts(fit)]
     return best_by_criterion(fits) if fits else []
 
 
 def best_by_criterion(fits: Sequence[Fit]) -> list[Alternative]:
     """Rank fits by their BIC, the best first."""
-    scores = criterion(fits)
+    scores = delta_bic(fits)
     order = np.argsort(scores, kind='stable')
     return simplest_first([Alternative(fits[k]) for k in order], [scores[k] for k in order])
 
@@ -270,11 +270,11 @@ def _drifts(fit: Fit) -> bool:
     return fit.candidate.effects[-1].effect.course is not None
 
 
-def _goes_with_time(drift: Fit, parts: Sequence[Part]) -> bool:
-    """Compare a drift with a model of its own for each recording; see `goes_with_time`."""
+def _is_drift_preferred(drift: Fit, parts: Sequence[Part]) -> bool:
+    """Compare a drift with a model of its own for each recording; see `is_drift_preferred`."""
     bare = drift.candidate.without(-1)
     each = by_recording(parts, bare.sample_time)
-    return len(each) == 1 or goes_with_time(
+    return len(each) == 1 or is_drift_preferred(
         drift, [search(bare, some, SHORT) for some in each])
 
 

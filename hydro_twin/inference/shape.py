@@ -20,7 +20,7 @@ from hydro_twin.fitting.fit import Fit
 from hydro_twin.fitting.output_error import residuals
 from hydro_twin.fitting.parts import Part
 from hydro_twin.fitting.port_signals import BLOCK
-from hydro_twin.inference.passing import Passing, passing
+from hydro_twin.inference.passing import effect_signals, EffectSignals
 from hydro_twin.inference.starts import with_other
 from hydro_twin.inference.structure import hats, times, to_output
 from hydro_twin.predictors.scores import rms
@@ -34,14 +34,15 @@ TRIALS = 25             # values at which the error of linear dynamics is shown
 WIDEST = 1.0            # standard error of a knot worth showing, over the reach of the law
 
 
-def free_curves(fit: Fit, placed: Placed, seen: Sequence[Passing], name: str) -> list[FreeCurve]:
+def free_curves(fit: Fit, placed: Placed, seen: Sequence[EffectSignals], name: str
+                ) -> list[FreeCurve]:
     """Fit a free curve of what is added at a port over a signal; two for a law with memory.
 
-    Least squares on what the model leaves plus what the effect does, whitened by the memory of
-    the former; all else in the model stays as it is, but for the initial state of each part,
-    of which the first samples tell little. Standard errors are by blocks, so that they hold where
-    something structured is left, each as if it were predicted by the others, since a knot may be
-    visited in a few only [Bell and McCaffrey 2002, the jackknife].
+    Least squares on the residual plus the contribution of the effect, whitened by an
+    autoregressive model of the former. All else in the model is held, except the initial state of
+    each part, which the first samples hardly determine. Standard errors are clustered by blocks,
+    so that they hold for a structured residual, each block predicted by the others, since a knot
+    may be visited in a few blocks only [Bell and McCaffrey 2002, the jackknife].
 
     Returns:
         One curve, or one for a rising and one for a falling signal.
@@ -126,7 +127,7 @@ def _knots(reach: FloatArray, jumps: bool = False) -> FloatArray:
     return np.sort(kept)
 
 
-def telling(seen: Sequence[Passing]) -> str:
+def dominant_signal(seen: Sequence[EffectSignals]) -> str:
     """Name the signal that what the effect adds depends on most plainly."""
     added = np.concatenate([p.added for p in seen])
     unexplained = {}
@@ -150,8 +151,8 @@ def shape_of(fit: Fit, placed: Placed, parts: Sequence[Part]) -> Shape | Profile
         return _profile(fit, placed, parts)
     if placed.effect.course is not None:
         return _over_time(fit, placed, placed.effect.course, parts)
-    seen = [passing(fit.candidate, placed, part) for part in parts]
-    over = telling(seen)
+    seen = [effect_signals(fit.candidate, placed, part) for part in parts]
+    over = dominant_signal(seen)
     start_up = fit.candidate.start_up
     x = np.concatenate([p.signals[over][start_up:] for p in seen])
     added = np.concatenate([p.added[start_up:] for p in seen])

@@ -13,7 +13,7 @@ from hydro_twin.fitting.horizon import between_ends
 from hydro_twin.fitting.output_error import initial_states, residuals_from, size_of
 from hydro_twin.fitting.parts import Part
 from hydro_twin.inference.screen import places, ScoredEffect, spans
-from hydro_twin.inference.structure import drift, drifting, drifts
+from hydro_twin.inference.structure import drift_rates, drift_test, is_drift_significant
 from hydro_twin.model import Model, place
 from hydro_twin.parallel import in_processes
 
@@ -51,16 +51,16 @@ def linear_starts(candidate: Model, parts: Sequence[Part]) -> list[Model]:
 
 def drift_starts(base: Fit, parts: Sequence[Part], times: tuple[float, float]
                  ) -> list[Model]:
-    """Let each parameter drift at the rate that the residual says, if it says that any does.
+    """Let each parameter drift at the rate estimated from the residual, if there is a drift.
 
-    But by no more than its value in all: of a parameter that the recording hardly determines, the
-    residual says any rate.
+    The total change is limited to its value: for a parameter that the recording hardly determines,
+    the estimated rate may be arbitrarily large.
     """
-    if not drifts(drift(base, parts)):
+    if not is_drift_significant(drift_test(base, parts)):
         return []
     fastest, plant = (1.0 - LEAST) / (times[1] - times[0]), base.candidate.plant
     rates = {name: min(max(rate, -fastest), fastest)
-             for name, rate in drifting(base, parts).items()}
+             for name, rate in drift_rates(base, parts).items()}
     return [with_effect(base.candidate, place(effect.id, port.name, {
                 'rate': rates[port.name], 'begin': times[0], 'end': times[1]}, plant))
             for effect, port in places(plant, base.candidate.effects, parameters=True)

@@ -13,7 +13,7 @@ from hydro_twin.fitting.parts import Part
 from hydro_twin.fitting.port_signals import PREDICTED, predicted_by_ports
 from hydro_twin.fitting.whiteness import is_white
 from hydro_twin.inference.context import Context, effects_of
-from hydro_twin.inference.criterion import CLEARLY, criterion, gain_p_value
+from hydro_twin.inference.criterion import CLEARLY, delta_bic, gain_p_value
 from hydro_twin.inference.findings import (
     best_finding,
     explained_share,
@@ -36,7 +36,7 @@ from hydro_twin.inference.select import (
     search,
     unsearched,
 )
-from hydro_twin.inference.structure import drift, drifts
+from hydro_twin.inference.structure import drift_test, is_drift_significant
 from hydro_twin.model import Model
 from hydro_twin.predictors.scores import rms
 from hydro_twin.predictors.system import HOLD, LINEAR
@@ -144,7 +144,7 @@ def _earned(found: Finding, without: Fit, added: Alternative, parts: Sequence[Pa
         return False
     if found.share > LEAST_SHARE_LATER:
         return True
-    before, after = criterion([without, added.fit])
+    before, after = delta_bic([without, added.fit])
     white = is_white(added.fit.by_part) and not parts[0].filters
     return (min(nearest, before - after) > NEAR
             and predicted_by_ports(added.fit, parts)[1] > PREDICTED
@@ -247,7 +247,7 @@ def is_residual_structured(selection: Selection, context: Context) -> bool:
     fit = selection.fit
     held_out = rms(np.concatenate(residuals(fit, context.held_out)))
     return (predicted_by_ports(fit, context.parts)[1] < PREDICTED
-            or drifts(drift(fit, context.parts))
+            or is_drift_significant(drift_test(fit, context.parts))
             or not held_out <= HELD_OUT * fit.error)
 
 
@@ -298,7 +298,7 @@ def best_interpolation(fit: Fit, parts: Sequence[Part]) -> Fit:
     other = LINEAR if candidate.interpolation == HOLD else HOLD
     timing = dict.fromkeys(candidate.timing, 0.0)
     otherwise = search(replace(candidate, interpolation=other, timing=timing), parts, LONG)
-    now, then = criterion([fit, otherwise])
+    now, then = delta_bic([fit, otherwise])
     return otherwise if then < now - CLEARLY and share(fit, otherwise) > LEAST_SHARE else fit
 
 
@@ -306,11 +306,11 @@ def exchange(selection: Selection, context: Context, last: bool = False,
              left: frozenset[frozenset[str]] = frozenset()) -> Selection:
     """Choose each earlier effect again, now that the last one is in the model.
 
-    It may have become unnecessary, and is dropped; or it may have stood in for two, and another
-    replaces it. Its rivals are those beside the other effects. Effects that were left for others
-    are not returned to: a search may end better from here, and these from there. Nor is one
-    unnecessary that another makes up for only where it is no longer distinguished from a simpler
-    one, as a small part of a ripple is from an offset.
+    An effect that has become unnecessary is dropped; one that stood in for two is replaced. Its
+    rivals are those beside the other effects. A set of effects that was replaced is not returned
+    to, since each of two sets may fit better when it is searched from the other. Nor is an effect
+    dropped if another compensates for it only in a form that is not distinguished from a simpler
+    effect, as a small part of a ripple is from an offset.
 
     Args:
         selection: a model that has grown.
@@ -323,12 +323,12 @@ def exchange(selection: Selection, context: Context, last: bool = False,
         placed = selection.fit.candidate.effects[found.index]
         (without,) = context.without(selection.fit, [found.index])
         rest = other_findings(selection, k)
-        with_it, bare = criterion([selection.fit, without])
+        with_it, bare = delta_bic([selection.fit, without])
         needless = bare < with_it + CLEARLY or share(without, selection.fit) < LEAST_SHARE
         if needless and next(indistinct(without, context.parts, rest), None) is None:
             return exchange(Selection(without, rest), context, last, left)
         alternatives = context.fit_alternatives(without, AGAIN, RIVALS * selection.fit.error)
-        scores = criterion([selection.fit, *(c.fit for c in alternatives)])
+        scores = delta_bic([selection.fit, *(c.fit for c in alternatives)])
         if (alternatives and scores[1] < scores[0] - CLEARLY
                 and effects_of(alternatives[0].fit.candidate) not in left):
             instead = best_finding(without, alternatives)

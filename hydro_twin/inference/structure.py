@@ -15,7 +15,7 @@ from hydro_twin.arrays import FloatArray
 from hydro_twin.effects.curve import KNOTS
 from hydro_twin.fitting.fit import Fit
 from hydro_twin.fitting.parts import Part
-from hydro_twin.fitting.port_signals import explained, observe
+from hydro_twin.fitting.port_signals import explained, simulate_port_signals
 from hydro_twin.model import Model
 from hydro_twin.plants.difference_equation import DifferenceEquation, from_state_space
 from hydro_twin.predictors.system import discretise
@@ -49,10 +49,10 @@ def dependences(fit: Fit, parts: Sequence[Part]) -> list[Dependence]:
     Only dependences are returned that predict blocks of the residual that they were not fitted
     to, better than noise would.
     """
-    return [curve for curve in free_curves(fit, parts) if shows(curve)]
+    return [curve for curve in free_curves(fit, parts) if is_significant_dependence(curve)]
 
 
-def shows(curve: Dependence) -> bool:
+def is_significant_dependence(curve: Dependence) -> bool:
     """Whether noise would hardly explain as much."""
     return curve.p_value <= LEVEL and curve.share >= WORTH
 
@@ -61,7 +61,7 @@ def free_curves(fit: Fit, parts: Sequence[Part]) -> list[Dependence]:
     """List what a free curve explains at every port over every signal there, the most first."""
     fit, candidate = fit.main, fit.candidate
     carry = to_output(candidate)
-    observed = observe(candidate, parts)
+    observed = simulate_port_signals(candidate, parts)
     basis, _ = np.linalg.qr(fit.jacobian)
     groups = _groups(candidate)
     found = []
@@ -81,7 +81,7 @@ def free_curves(fit: Fit, parts: Sequence[Part]) -> list[Dependence]:
     return sorted(found, key=lambda d: -d.share)
 
 
-def drift(fit: Fit, parts: Sequence[Part]) -> tuple[float, float]:
+def drift_test(fit: Fit, parts: Sequence[Part]) -> tuple[float, float]:
     """Share and p-value of a drift of the parameters: the tangent times time as columns."""
     fit = fit.main
     basis, _ = np.linalg.qr(fit.jacobian)
@@ -100,7 +100,7 @@ def times(fit: Fit, parts: Sequence[Part]) -> FloatArray:
         for part in parts])
 
 
-def drifting(fit: Fit, parts: Sequence[Part]) -> dict[str, float]:
+def drift_rates(fit: Fit, parts: Sequence[Part]) -> dict[str, float]:
     """Say at which rate each parameter of the plant would have to drift by itself.
 
     Returns:
@@ -121,7 +121,7 @@ def drifting(fit: Fit, parts: Sequence[Part]) -> dict[str, float]:
     return rates
 
 
-def drifts(found: tuple[float, float]) -> bool:
+def is_drift_significant(found: tuple[float, float]) -> bool:
     """Whether a drift of that share and p-value is one."""
     share, p_value = found
     return share > DRIFTS and p_value < LEVEL

@@ -26,7 +26,7 @@ from hydro_twin.inference.explanation import explain
 from hydro_twin.inference.findings import Selection, share
 from hydro_twin.inference.held_out import held_out_gain, improvement, residuals
 from hydro_twin.inference.limits import without_unreached
-from hydro_twin.inference.memory import named, remember
+from hydro_twin.inference.memory import combine_with_earlier, named
 from hydro_twin.inference.noise import bursts, lines, noise_floor
 from hydro_twin.inference.screen import undetectable
 from hydro_twin.inference.select import (
@@ -37,7 +37,7 @@ from hydro_twin.inference.select import (
     unsearched,
 )
 from hydro_twin.inference.stepwise import FINEST, LEAST_SHARE, with_fine_steps
-from hydro_twin.inference.structure import dependences, drift
+from hydro_twin.inference.structure import dependences, drift_test
 from hydro_twin.inference.weighing import best_named
 from hydro_twin.model import Model, Record
 from hydro_twin.plants import Plant
@@ -112,7 +112,7 @@ def evidence(recording: Recording, test: Recording | None, plant: Plant,
 
 
 def _with_memory(found: Evidence, model: Model, earlier: Recording, seed: int) -> Evidence:
-    """Keep what the recordings that a model came from say, where the new one does not mind.
+    """Combine with the recordings that a model came from, unless held-out data refute it.
 
     Args:
         found: in the new recording, from the model on.
@@ -124,7 +124,7 @@ def _with_memory(found: Evidence, model: Model, earlier: Recording, seed: int) -
     train, held_out = (excerpt(parts_of(part, found.plant), found.plant, sample_time)
                        for part in split(earlier))
     start, alone = resampled(model, sample_time), found.final
-    together = remember(alone, found.fitted, start, train)
+    together = combine_with_earlier(alone, found.fitted, start, train)
     new = excerpt(found.test, found.plant, sample_time)
     used = _mean_square(together.fit, new) <= SAME * _mean_square(alone, new)
     memory = Memory(
@@ -238,7 +238,7 @@ def _search(train: Recording, test: Recording, plant: Plant,
         floor=noise_floor(pieces), white=is_white(pieces),
         lines=tuple(lines(pieces, sample_time)),
         bursts=tuple(bursts(residuals(after, [*whole, *held_out]))),
-        depends_on=tuple(dependences(after, fine)), drifts=drift(after, fine),
+        depends_on=tuple(dependences(after, fine)), drifts=drift_test(after, fine),
         by_ports=predicted_by_ports(after, fine), found=found,
         best_named=best_named(replaced, others) if found and replaced else None)
     return traced if traced.fails else replace(traced, hidden=tuple(undetectable(after, fine)))

@@ -8,7 +8,7 @@ from hydro_twin.effects import Placed
 from hydro_twin.fitting.autoregression import effective_samples
 from hydro_twin.fitting.fit import Fit
 from hydro_twin.inference.context import Context
-from hydro_twin.inference.criterion import CLEARLY, criterion
+from hydro_twin.inference.criterion import CLEARLY, delta_bic
 from hydro_twin.inference.findings import finding, other_findings, Selection, share
 from hydro_twin.inference.held_out import (
     held_out_gain,
@@ -61,7 +61,7 @@ def _with_equivalents(selection: Selection, context: Context) -> Selection:
             continue
         fits = [selection.fit, *search_all(models, context.parts, LONG)]
         laws = [fit.candidate.effects[found.index] for fit in fits]
-        scores = criterion(fits)
+        scores = delta_bic(fits)
         near = [j for j, score in enumerate(scores) if score < min(scores) + CLEARLY]
         best = next((j for j in near if laws[j].effect.id == laws[0].effect.simpler), near[0])
         (without,) = context.without(fits[best], [found.index])
@@ -82,13 +82,13 @@ def _without_unproven(selection: Selection, without: Fit, context: Context,
                       refuted: frozenset[str] = frozenset()) -> Selection:
     """Drop the effects that do not improve held-out data, the least helpful first.
 
-    One that does not, see `_on_held_out`, gives way to an effect that the training data hardly
-    tell from it, if that helps. Where it could only be left out because another took its place as
-    a simpler law, as a hysteresis that is never crossed and so is a constant of each window, the
-    other is dropped, if it fails, too; else both stay.
+    One that does not, see `_on_held_out`, is replaced by a close rival on the training data, if
+    that improves held-out data. If without it another effect degenerates to a simpler law, as a
+    hysteresis that is never crossed and so is a constant of each window, the other is dropped, if
+    it fails, too; else both stay.
 
-    What is left may then grow by others: beside an effect that is not there, as a drift in a
-    series of ever larger steps, the right one need not have been found.
+    Forward selection then continues from the remaining effects: beside a spurious effect, as a
+    drift in a series of ever larger steps, the right one may not have been found.
 
     Args:
         selection: a model that has grown.

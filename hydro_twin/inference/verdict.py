@@ -4,12 +4,18 @@ from __future__ import annotations
 from collections.abc import Mapping
 
 from hydro_twin.effects import Placed, Span
-from hydro_twin.fitting.given import given
+from hydro_twin.fitting.given import conditional_on
 from hydro_twin.inference.evidence import Evidence
 from hydro_twin.inference.findings import Finding
-from hydro_twin.inference.probability import chance, DOUBTFUL, POOR, SETTLED, shares
+from hydro_twin.inference.probability import (
+    coarsened_posterior,
+    DOUBTFUL,
+    min_null_probability,
+    POOR,
+    SETTLED,
+)
 from hydro_twin.inference.screen import places, spans
-from hydro_twin.inference.structure import drifts
+from hydro_twin.inference.structure import is_drift_significant
 from hydro_twin.plants import Plant, Port
 from hydro_twin.result import CLOSE, NamedEffect, VerdictKind
 
@@ -30,15 +36,16 @@ def verdict_of(found: Evidence) -> VerdictKind:
 def is_structured(found: Evidence, level: float) -> bool:
     """Whether what is left depends on anything, by tests at this level."""
     share, p_value = found.by_ports
-    return bool(found.depends_on or found.lines or found.bursts or drifts(found.drifts)
+    return bool(found.depends_on or found.lines or found.bursts
+                or is_drift_significant(found.drifts)
                 or found.is_larger_held_out or found.is_loud or (p_value < level and share > LEFT))
 
 
-def leaves_much(found: Evidence, share: float) -> bool:
-    """Whether much is left beside an effect that cannot be noise.
+def is_residual_large(found: Evidence, share: float) -> bool:
+    """Whether the residual beside an effect is large, and cannot be noise.
 
-    Of what the linear model misses, or more than the effect explains: as little as that may make
-    up for the errors of other laws.
+    Large relative to that of the linear model, or larger than what the effect explains: an effect
+    that explains so little may only compensate for errors of other laws.
 
     Args:
         found: the evidence.
@@ -55,7 +62,7 @@ def named_effects(found: Evidence) -> tuple[NamedEffect, ...]:
     if not found.findings:
         return ()
     reach = spans(found.after.candidate, found.fitted)
-    held = given(found.after, found.fitted)
+    held = conditional_on(found.after, found.fitted)
     return tuple(_judge(found, finding, reach, held) for finding in found.findings)
 
 
@@ -67,7 +74,7 @@ def _judge(found: Evidence, finding: Finding, reach: Mapping[Port, Span],
         found: the evidence.
         finding: the effect.
         reach: range of each port and signal.
-        held: for which parameters of the plant those of the effects are stated, see `given`.
+        held: parameters of the plant that those of the effects depend on, see `conditional_on`.
     """
     placed = found.final.candidate.effects[finding.index]
     other_ports = tuple(rival.port.name for rival, distance in finding.rivals
@@ -81,13 +88,13 @@ def _judge(found: Evidence, finding: Finding, reach: Mapping[Port, Span],
     samples = len(found.after.main.residual)
     telling = finding.share / (1.0 - min(finding.share, 1.0 - 1e-12)) * samples
     settled = telling > TELLING and found.white and not is_structured(found, LIKELY)
-    unknown = SETTLED if settled else POOR if leaves_much(found, finding.share) else DOUBTFUL
-    among = shares({placed.effect.id: 0.0, **dict(rivals)}, samples)
+    unknown = SETTLED if settled else POOR if is_residual_large(found, finding.share) else DOUBTFUL
+    among = coarsened_posterior({placed.effect.id: 0.0, **dict(rivals)}, samples)
     return NamedEffect(
         finding.index, placed, finding.p_value, finding.share, unknown,
-        probability=(1.0 - chance(finding.p_value)) * (1.0 - finding.doubt) * (1.0 - unknown)
-        * among[placed.effect.id],
-        ports=shares(_by_port(finding, placed, other_ports), samples),
+        probability=(1.0 - min_null_probability(finding.p_value)) * (1.0 - finding.doubt)
+        * (1.0 - unknown) * among[placed.effect.id],
+        ports=coarsened_posterior(_by_port(finding, placed, other_ports), samples),
         other_ports=other_ports, rivals=rivals,
         given={name: held[key] for name in placed.named
                if (key := f'{finding.index}:{name}') in held})

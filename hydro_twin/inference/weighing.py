@@ -12,13 +12,13 @@ from hydro_twin.fitting.parts import Part
 from hydro_twin.fitting.port_signals import PREDICTED, predicted_by_ports
 from hydro_twin.fitting.whiteness import is_white
 from hydro_twin.inference.context import Context
-from hydro_twin.inference.criterion import CLEARLY, criterion
+from hydro_twin.inference.criterion import CLEARLY, delta_bic
 from hydro_twin.inference.curve import (
     explains_most,
     find_curve,
     FittedCurve,
+    has_equivalent_law,
     is_better,
-    is_drawn,
     outweighs,
 )
 from hydro_twin.inference.findings import explained_share, finding, other_findings, Selection
@@ -26,7 +26,7 @@ from hydro_twin.inference.held_out import held_out_gain, residuals
 from hydro_twin.inference.reading import readings
 from hydro_twin.inference.select import HOPELESS, LONG, search, search_all
 from hydro_twin.inference.stepwise import ENOUGH
-from hydro_twin.inference.structure import free_curves, shows
+from hydro_twin.inference.structure import free_curves, is_significant_dependence
 from hydro_twin.predictors.scores import rms
 from hydro_twin.result import BestNamed, Dependence
 
@@ -83,7 +83,7 @@ def read_as_names(selection: Selection, found: FittedCurve, base: Fit, context: 
     """
     held_out = context.held_out
     tried = list(search_all(readings(found.fit.candidate, context.parts), context.parts, LONG))
-    scores = criterion(tried) if tried else []
+    scores = delta_bic(tried) if tried else []
     for fit in (tried[k] for k in np.argsort(scores, kind='stable')):
         if outweighs(found.fit, fit, held_out):
             continue
@@ -120,12 +120,12 @@ def _contested(selection: Selection, parts: Sequence[Part], curves: Sequence[Dep
     another port or signal, explains most of the first residual.
     """
     ids = [selection.fit.candidate.effects[k].effect.id for k in selection.indices]
-    if (any(shows(curve) for curve in curves) or len(set(ids)) < len(ids)
+    if (any(is_significant_dependence(curve) for curve in curves) or len(set(ids)) < len(ids)
             or not is_white(selection.fit.by_part)
             or predicted_by_ports(selection.fit, parts)[1] < PREDICTED):
         return True
-    return any(curve.share > ENOUGH and not is_drawn((curve.port, curve.signal), selection.fit,
-                                                     at_first) for curve in at_first[:1])
+    return any(curve.share > ENOUGH and not has_equivalent_law(
+        (curve.port, curve.signal), selection.fit, at_first) for curve in at_first[:1])
 
 
 def _without_needless(selection: Selection, found: FittedCurve, context: Context
@@ -139,7 +139,7 @@ def _without_needless(selection: Selection, found: FittedCurve, context: Context
     for k in sorted(range(len(bare)), key=lambda k: bare[k].error):
         without, index = bare[k], selection.findings[k].index
         instead = search(found.fit.candidate.without(index), context.parts, LONG)
-        with_it, without_it = criterion([found.fit, instead])
+        with_it, without_it = delta_bic([found.fit, instead])
         if (without_it < with_it + CLEARLY
                 and not explains_most(without, selection.fit, instead)):
             helps = held_out_gain(without, instead, context.held_out, context.seed)

@@ -53,8 +53,8 @@ def test_law(law, time, expected):
 @pytest.mark.parametrize('rate', [1e6, -1e6, 1e-3])
 def test_a_search_begins_at_no_rate_that_is_beyond_the_law(monkeypatch, rate):
     """A parameter that the recording hardly determines may seem to drift at any rate."""
-    monkeypatch.setattr(starts, 'drift', lambda *_: (1.0, 0.0))
-    monkeypatch.setattr(starts, 'drifting', lambda *_: dict.fromkeys(LOAD.middle(), rate))
+    monkeypatch.setattr(starts, 'drift_test', lambda *_: (1.0, 0.0))
+    monkeypatch.setattr(starts, 'drift_rates', lambda *_: dict.fromkeys(LOAD.middle(), rate))
     model = Model(LOAD, VALUES, T)
     begun = starts.drift_starts(Fit(model, (), np.zeros(9), np.zeros((9, 0)), (9,), 0.0), [],
                                 (BEGIN, END))

@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 from trace_by_hand import candidate
 
-from hydro_twin.fitting.given import given
+from hydro_twin.fitting.given import conditional_on
 from hydro_twin.fitting.parts import Part
 from hydro_twin.inference.select import search
 from hydro_twin.model import place
@@ -37,7 +37,7 @@ def test_an_effect_inside_a_combination_is_known_for_a_member_of_it(plant, effec
     output = run(truth, inputs)
     noise = 1e-4 * output.std() * np.random.default_rng(0).standard_normal(len(output))
     part = Part(inputs, output + noise)
-    assert given(search(truth, [part], 10), [part]) == expected
+    assert conditional_on(search(truth, [part], 10), [part]) == expected
 
 
 @pytest.mark.parametrize(('plant', 'effect', 'twice', 'half'), [

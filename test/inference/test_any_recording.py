@@ -26,7 +26,7 @@ from hydro_twin.inference.held_out import held_out_gain
 from hydro_twin.inference.noise import bursts, lines, noise_floor
 from hydro_twin.inference.screen import screen, undetectable
 from hydro_twin.inference.select import search
-from hydro_twin.inference.structure import dependences, drift, free_curves
+from hydro_twin.inference.structure import dependences, drift_test, free_curves
 from hydro_twin.inference.trace import trace
 from hydro_twin.model import Model
 from hydro_twin.plants import PLANTS
@@ -152,7 +152,7 @@ def wrong_answers(fit, parts):
     plant, sample_time = fit.candidate.plant, fit.candidate.sample_time
     residuals = fit.by_part
     curves = dependences(fit, parts)
-    tests = [drift(fit, parts), predicted_by_ports(fit, parts),
+    tests = [drift_test(fit, parts), predicted_by_ports(fit, parts),
              *((curve.share, curve.p_value) for curve in curves)]
     factor = harmless_factor(fit, parts, 10**6)
     taken = thin(excerpt(parts, plant, sample_time, factor), plant, factor)

@@ -6,7 +6,7 @@ import pytest
 from traced_rig import fitted, PLANT, record, VALUES
 
 from hydro_twin.fitting.parts import Part
-from hydro_twin.inference.apart import by_recording, goes_with_time
+from hydro_twin.inference.apart import by_recording, is_drift_preferred
 from hydro_twin.inference.select import search
 from hydro_twin.model import place
 from hydro_twin.recording.series import Recording
@@ -31,7 +31,7 @@ def test_a_drift_is_distinguished_from_recordings_that_differ(recorded, is_one):
     drift = search(replace(bare, effects=(place('drift', 'G', DRIFT, PLANT),)), parts, 20)
     apart = [search(bare, some, 10) for some in by_recording(parts, 0.002)]
     assert sum(len(fit.residual) for fit in apart) == len(drift.residual)
-    assert goes_with_time(drift, apart) == is_one
+    assert is_drift_preferred(drift, apart) == is_one
 
 
 def test_windows_without_a_gap_are_of_one_recording():

@@ -11,16 +11,16 @@ from hydro_twin.fitting.parts import Part
 from hydro_twin.fitting.unknowns import effect_unknowns
 from hydro_twin.inference.curve import (
     find_curve,
+    has_equivalent_law,
     is_better,
-    is_drawn,
     is_mostly_constant,
     LARGEST,
-    reached,
+    signal_range,
 )
-from hydro_twin.inference.passing import passing
+from hydro_twin.inference.passing import effect_signals
 from hydro_twin.inference.screen import spans
 from hydro_twin.inference.select import search
-from hydro_twin.inference.structure import free_curves, shows
+from hydro_twin.inference.structure import free_curves, is_significant_dependence
 from hydro_twin.model import Model, place
 from hydro_twin.plants import plant_named
 
@@ -43,7 +43,7 @@ def test_is_the_law_but_for_a_straight_line(law, ports, shape):
     assert placed.effect.reads[0] in {'value', 'opening', 'twist'}
     assert found.gain.low > 0.9
     model = found.fit.candidate
-    seen = [passing(model, placed, part).signals[placed.effect.reads[0]] for part in train]
+    seen = [effect_signals(model, placed, part).signals[placed.effect.reads[0]] for part in train]
     x = np.concatenate(seen)[::20]      # as often as the rig was there
     x = x[(x > placed.values[0]) & (x < placed.values[1])]
 
@@ -72,7 +72,7 @@ def found(uneven):
 def test_one_is_found_where_only_all_ports_together_show(uneven):
     fit, train, test, curves = uneven
     hidden = [replace(curve, p_value=1.0) for curve in curves]
-    assert not any(shows(curve) for curve in hidden)
+    assert not any(is_significant_dependence(curve) for curve in hidden)
     assert find_curve(fit, train, test, hidden, 0) is not None
 
 
@@ -87,7 +87,7 @@ def test_a_law_keeps_its_name_if_it_explains_most_of_the_curve_there(uneven, fou
     wrong = named('dead_zone', 'spool', {'width': 1e-6})
     assert not is_better(found, fit, right, curves, test, 0)
     assert is_better(found, fit, wrong, curves, test, 0)
-    assert is_drawn((found.placed.port, found.placed.effect.reads[0]), wrong, curves)
+    assert has_equivalent_law((found.placed.port, found.placed.effect.reads[0]), wrong, curves)
 
 
 @pytest.mark.parametrize(('shape', 'constant'), [
@@ -118,12 +118,13 @@ def test_knots_lie_where_the_recording_went():
     most = np.abs(seen[:, plant.ports.index(rate)]).max()
     driven = replace(linear, effects=(
         curve(rate, 'value', -most, most, np.linspace(1.0, -1.0, KNOTS) * most),))
-    assert np.abs(passing(driven, driven.effects[0], part).signals['value']).max() > 3 * most
-    low, high = reached(driven, [part])
+    value = effect_signals(driven, driven.effects[0], part).signals['value']
+    assert np.abs(value).max() > 3 * most
+    low, high = signal_range(driven, [part])
     assert -1.01 * most < low < high < 1.01 * most
     # The output is measured.
     placed = curve(speed, 'position', -1.0, 1.0, np.linspace(0.0, 5.0, KNOTS))
-    low, high = reached(replace(linear, effects=(placed,)), [part])
+    low, high = signal_range(replace(linear, effects=(placed,)), [part])
     assert (low, high) == pytest.approx((part.measured.min(), part.measured.max()), abs=1e-3)
 
 

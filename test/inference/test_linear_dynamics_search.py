@@ -11,7 +11,7 @@ from traced_rig import fitted, PLANT, record
 
 from benchmarks.tracing.not_quite import CASES, recording
 from hydro_twin.inference import stepwise
-from hydro_twin.inference.criterion import criterion
+from hydro_twin.inference.criterion import delta_bic
 from hydro_twin.inference.findings import Finding
 from hydro_twin.inference.select import Alternative, search_all, simplest_first
 from hydro_twin.inference.trace import trace
@@ -79,7 +79,7 @@ def distance(true, others, noise):
     fits = list(search_all([replace(alone.candidate, effects=(place(*effect, PLANT),))
                             for effect in (true, *others)], parts, 40))
     assert fits[0].error == pytest.approx(noise, rel=0.1)
-    right, *wrong = criterion(fits)
+    right, *wrong = delta_bic(fits)
     return [score - right for score in wrong]
 
 

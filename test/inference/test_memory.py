@@ -10,7 +10,7 @@ from traced_rig import PLANT, record, VALUES
 from hydro_twin.commands.main import main
 from hydro_twin.fitting.parts import parts_of
 from hydro_twin.fitting.unknowns import get, label
-from hydro_twin.inference.memory import named, remember
+from hydro_twin.inference.memory import combine_with_earlier, named
 from hydro_twin.inference.select import search
 from hydro_twin.inference.starts import with_effect
 from hydro_twin.model import Model, place, read_model, write_model
@@ -44,7 +44,7 @@ def test_what_did_not_change_is_known_from_both(earlier, champion):
     for seed in range(5, 10):
         parts = parts_of(record(FRICTION, **QUIET | {'seed': seed}), PLANT)
         alone = search(with_effect(champion, place(*FRICTION, PLANT)), parts, 30)
-        together = remember(alone, parts, champion, earlier)
+        together = combine_with_earlier(alone, parts, champion, earlier)
         assert together.moved == ()
         known, by_itself = together.known.std_error, alone.identifiability().std_error
         for name in names:
@@ -61,7 +61,7 @@ def test_what_moved_is_as_the_new_recording_has_it(earlier, champion):
     values = VALUES | {'K_p': 1.5 * VALUES['K_p']}
     parts = parts_of(record(seed=6, count=2, values=values), PLANT)
     alone = search(champion, parts, 30)
-    together = remember(alone, parts, champion, earlier)
+    together = combine_with_earlier(alone, parts, champion, earlier)
     assert 'K_p' in [named(alone.candidate, unknown) for unknown in together.moved]
     assert together.fit.candidate.values['K_p'] == pytest.approx(values['K_p'], rel=0.1)
 
@@ -70,14 +70,14 @@ def test_an_effect_of_the_model_before_is_shared_one_of_the_trace_is_not(earlier
     """What a trace added, the earlier recordings say nothing of."""
     parts = parts_of(record(FRICTION, **QUIET), PLANT)
     rubs = search(with_effect(champion, place(*FRICTION, PLANT)), parts, 10)
-    twice = remember(rubs, parts, rubs.candidate, parts)
+    twice = combine_with_earlier(rubs, parts, rubs.candidate, parts)
     (coulomb,) = [u for u in rubs.unknowns if label(u) == '0:coulomb']
     once = rubs.identifiability().std_error['0:coulomb']
     # The same recording twice: the same values, and errors smaller by the root of two.
     assert twice.known.std_error['0:coulomb'] == pytest.approx(once / math.sqrt(2.0), rel=0.05)
     assert get(twice.fit.candidate, coulomb) == pytest.approx(get(rubs.candidate, coulomb),
                                                               rel=0.01)
-    added = remember(rubs, parts, rubs.candidate.without(0), parts)
+    added = combine_with_earlier(rubs, parts, rubs.candidate.without(0), parts)
     assert added.known.std_error['0:coulomb'] > 1.1 * once / math.sqrt(2.0)
     assert named(rubs.candidate, coulomb) == 'coulomb of the friction'
 

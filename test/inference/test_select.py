@@ -8,7 +8,7 @@ import pytest
 from traced_rig import fitted, PLANT, record, VALUES
 
 from hydro_twin.fitting.output_error import free_run_error
-from hydro_twin.fitting.port_signals import observe
+from hydro_twin.fitting.port_signals import simulate_port_signals
 from hydro_twin.inference.select import (
     fit_alternatives,
     refine,
@@ -123,7 +123,7 @@ def test_an_orifice_is_found_that_is_much_weaker_than_any_start():
 def test_a_ripple_is_found_in_less_than_half_a_period_of_it():
     waves = {'cosine': 4.0, 'sine': -2.0, 'periods': 30.0}
     alone, parts, _ = fitted(record(('ripple', 'motor', waves), noise=0.1))
-    angle = np.concatenate(observe(alone.candidate, parts))[:, signal_row(
+    angle = np.concatenate(simulate_port_signals(alone.candidate, parts))[:, signal_row(
         PLANT, place('ripple', 'motor', waves, PLANT), 'position')]
     assert 0.1 < np.ptp(angle) * waves['periods'] / (2.0 * np.pi) < 0.4
     first, second, *_ = fit_alternatives(alone, parts, (0.0, 1.0), 8, True)

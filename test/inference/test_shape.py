@@ -8,9 +8,9 @@ import pytest
 from trace_by_hand import candidate, parts
 
 from hydro_twin.fitting.output_error import free_run, residuals
-from hydro_twin.inference.passing import passing
+from hydro_twin.inference.passing import effect_signals
 from hydro_twin.inference.select import search
-from hydro_twin.inference.shape import free_curves, shape_of, telling
+from hydro_twin.inference.shape import dominant_signal, free_curves, shape_of
 
 
 def free(name, true, assumed):
@@ -20,8 +20,8 @@ def free(name, true, assumed):
     fit = replace(search(model, made, 1), candidate=model,
                   residual=np.concatenate(residuals(model, made)))
     placed = fit.candidate.effects[0]
-    seen = [passing(fit.candidate, placed, part) for part in made]
-    over = telling(seen)
+    seen = [effect_signals(fit.candidate, placed, part) for part in made]
+    over = dominant_signal(seen)
     return over, free_curves(fit, placed, seen, over)
 
 
@@ -58,7 +58,7 @@ def test_a_law_with_memory_has_two_branches():
 def test_what_passes_at_a_port_is_what_the_run_saw(others):
     made = candidate('load_simulator', [('dead_zone', 'spool', {'width': 3e-6}), *others])
     part = parts(made, 0.6, 0.0, 0)[0]
-    got = passing(made, made.effects[0], part)
+    got = effect_signals(made, made.effects[0], part)
     seen = np.zeros((len(part.inputs), len(made.system.step.H)))
     y = free_run(made, part, seen)
     row = made.plant.ports.index(made.effects[0].port)

@@ -16,7 +16,7 @@ from hydro_twin.inference.screen import longest_run, screen, spans, undetectable
 from hydro_twin.inference.select import LONG, search
 from hydro_twin.inference.structure import (
     dependences,
-    drift,
+    drift_test,
     hats,
     to_output,
 )
@@ -33,7 +33,7 @@ def linear():
 def test_a_linear_rig_depends_on_nothing(linear):
     for fit, train, _ in linear:
         assert dependences(fit, train) == []
-        for share, p_value in (drift(fit, train), predicted_by_ports(fit, train)):
+        for share, p_value in (drift_test(fit, train), predicted_by_ports(fit, train)):
             assert p_value > 0.01
             assert share < 0.01
 

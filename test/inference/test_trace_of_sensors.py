@@ -8,10 +8,10 @@ from traced_rig import PLANT, record
 from hydro_twin.fitting.linear import fit_linear
 from hydro_twin.fitting.parts import parts_of
 from hydro_twin.fitting.port_signals import predicted_by_ports
-from hydro_twin.inference.criterion import criterion, gain_p_value
+from hydro_twin.inference.criterion import delta_bic, gain_p_value
 from hydro_twin.inference.screen import screen
 from hydro_twin.inference.select import LONG, search
-from hydro_twin.inference.structure import drift, free_curves
+from hydro_twin.inference.structure import drift_test, free_curves
 from hydro_twin.inference.trace import trace
 from hydro_twin.model import place
 from hydro_twin.recording.series import Recording
@@ -44,16 +44,16 @@ def test_the_linear_tools_see_the_output_alone_and_the_criterion_all(rubbing):
     assert [len(pieces) for pieces in fit.by_output] == [1, 1, 1, 1]
     assert screen(fit, parts)
     assert free_curves(fit, parts)
-    assert drift(fit, parts)[0] < 1.0
+    assert drift_test(fit, parts)[0] < 1.0
     assert predicted_by_ports(fit, parts)[0] < 1.0
 
     rubs = replace(fit.candidate, effects=(place('friction', 'motor', {'coulomb': 6.0}, PLANT),))
     with_it = search(rubs, parts, 20)
-    before, after = criterion([fit, with_it])
+    before, after = delta_bic([fit, with_it])
     assert gain_p_value(fit, with_it, 1) < 1e-9
     alone = [replace(part, sensors={}) for part in parts]
     one = [search(candidate, alone, 20) for candidate in (fit.candidate, rubs)]
-    assert before - after > np.subtract(*criterion(one))
+    assert before - after > np.subtract(*delta_bic(one))
 
 
 @pytest.mark.slow

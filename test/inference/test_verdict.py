@@ -11,7 +11,13 @@ from hydro_twin.fitting.parts import Part
 from hydro_twin.inference.evaluate import result_of
 from hydro_twin.inference.findings import Finding
 from hydro_twin.inference.noise import Burst, noise_floor
-from hydro_twin.inference.probability import chance, DOUBTFUL, of_verdict, POOR, SAMPLES
+from hydro_twin.inference.probability import (
+    DOUBTFUL,
+    min_null_probability,
+    of_verdict,
+    POOR,
+    SAMPLES,
+)
 from hydro_twin.inference.select import search
 from hydro_twin.inference.verdict import named_effects, verdict_of
 from hydro_twin.model import place
@@ -113,7 +119,7 @@ def test_the_probabilities_of_the_verdicts_sum_to_one(rubbing):
 @pytest.mark.parametrize(('p_value', 'least'), [(0.01, 0.1113), (0.001, 0.0184)])
 def test_a_p_value_is_worth_at_most_what_the_bound_says(p_value, least):
     """Table 1 of Sellke, Bayarri and Berger (2001): 0.11 and 0.018 for p of 0.01 and 0.001."""
-    assert chance(p_value) == pytest.approx(least, abs=5e-4)
+    assert min_null_probability(p_value) == pytest.approx(least, abs=5e-4)
 
 
 @pytest.mark.parametrize(('travel', 'others'), [(0.0, ['ripple']), (0.05, ['ripple']), (0.3, [])])
