@@ -3,6 +3,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
+from typing import NamedTuple
 
 import numpy as np
 
@@ -22,7 +23,7 @@ from hydro_twin.inference.determined import without_undetermined
 from hydro_twin.inference.evaluate import result_of
 from hydro_twin.inference.evidence import Evidence
 from hydro_twin.inference.excerpt import excerpt, harmless_factor, resampled
-from hydro_twin.inference.explanation import explain
+from hydro_twin.inference.explanation import explain, Explanation
 from hydro_twin.inference.findings import Selection, share
 from hydro_twin.inference.held_out import held_out_gain, improvement, residuals
 from hydro_twin.inference.limits import without_unreached
@@ -156,6 +157,27 @@ def _one_way(parts: tuple[Recording, Recording], plant: Plant) -> bool:
         or not moves_alike(*parts, plant.output.name, plant.start_up))
 
 
+class _Data(NamedTuple):
+    """The data of a search, each for training and held out.
+
+    Attributes:
+        train, held_out: all that was recorded.
+        fine, fine_held_out: an excerpt of that, or all, as recorded.
+        coarse, coarse_held_out: the same, thinned.
+        factor: by which it is thinned.
+        sample_time: as recorded [s].
+    """
+
+    train: Sequence[Part]
+    held_out: Sequence[Part]
+    fine: Sequence[Part]
+    fine_held_out: Sequence[Part]
+    coarse: Sequence[Part]
+    coarse_held_out: Sequence[Part]
+    factor: int
+    sample_time: float
+
+
 def _search(train: Recording, test: Recording, plant: Plant,
             constants: Mapping[str, float] | None, model: Model | None, seed: int,
             progress: Callable[[str], None], known: Model | None = None) -> Evidence:
@@ -163,85 +185,147 @@ def _search(train: Recording, test: Recording, plant: Plant,
     whole, held_out = with_travel(parts_of(train, plant), parts_of(test, plant))
     sample_time = train.series[0].sample_time
     plant = plant.seen_by(sensors_in(whole, plant, plant.start_samples(sample_time)))
-    fine = excerpt(whole, plant, sample_time)
-    recorded = sum(len(part.measured) for part in whole)
     progress('fitting the linear model')
-    plain = None
+    fine = excerpt(whole, plant, sample_time)
+    linear = None
     if model is None:
-        plain = fit_linear(plant, whole if recorded <= AT_LAST else fine,
-                           plant.constant_values(constants), sample_time, seed).candidate
-        before = search(plain, fine, LONG)
+        few = _count(whole) <= AT_LAST
+        linear = fit_linear(plant, whole if few else fine, plant.constant_values(constants),
+                            sample_time, seed).candidate
+        before = search(linear, fine, LONG)
         refuse_reversed(before, fine)
     else:
         before = search(resampled(replace(
             model, plant=plant, noise=None, record=Record()), sample_time), fine, 1)
-    factor = harmless_factor(before, fine, recorded)
-    while not all(excerpt(parts, plant, sample_time, factor) for parts in (whole, held_out)):
-        factor //= 2        # what is thinned must be long enough, at factor 1 all of it is
-    fine, fine_held_out = (excerpt(parts, plant, sample_time, factor)
-                           for parts in (whole, held_out))
-    parts, others = thin(fine, plant, factor), thin(fine_held_out, plant, factor)
-    if factor > 1 and recorded <= AT_LAST:
-        fine, fine_held_out = whole, held_out
+    data = _thinned(before, fine, whole, held_out, sample_time)
     base = before
-    if factor > 1 or model is not None:
-        base = search(resampled(before.candidate, factor * sample_time), parts, LONG)
-    given = len(base.candidate.effects)
-    single = [] if known is None else [
-        replace(resampled(known, base.candidate.sample_time),
-                effects=(*known.effects[:given], placed)) for placed in known.effects[given:]]
-    context = Context(parts, others, _times([*whole, *held_out], sample_time), seed, progress)
-    explained = explain(base, context, single)
-    base, selection, found, replaced = explained
-    if explained.fit is not base:
-        bare = replace(explained.fit.candidate, effects=explained.fit.candidate.effects[:given])
-        from_final = search(bare, parts, LONG)
-        base, first = min(context.best(base), from_final, key=lambda fit: fit.cost), base
-        selection = Selection(base) if selection.fit is first else selection
+    if data.factor > 1 or model is not None:
+        base = search(resampled(before.candidate, data.factor * sample_time), data.coarse, LONG)
+    base, explained = _explain(base, data, known, seed, progress)
+    before, base, selection, found = _fitted_to_all(
+        before, base, linear, explained, data, seed, progress)
+    selection, found, gain, by_horizon = _confirmed(before, base, selection, found, test, seed)
     after = selection.fit
-    if factor > 1:
-        progress('fitting all samples')
-        named = after is not base
-        base = _as_recorded(base, sample_time, fine)
-        if plain:
-            base = min(base, search(plain, fine, FURTHER), key=lambda fit: fit.cost)
-        after = _as_recorded(after, sample_time, fine) if named else base
-        found = found and _on_all(found, after, sample_time, fine, held_out, seed)
-    if model is None:
-        before = base
-    elif factor > 1:
-        before = search(before.candidate, fine, 1)
-    after = without_unreached(after, fine)
-    if found:
-        found = replace(found, fit=without_unreached(found.fit, fine))
-    else:
-        kept = without_undetermined(replace(selection, fit=after), base, fine)
-        last = base if selection.findings and not kept.findings else after
-        selection, after = kept, kept.fit
-        before, base = (after if fit is last else fit for fit in (before, base))
-    # What is named must improve the reported figure, too.
-    gain, by_horizon = _gain(before, after if found is None else found.fit, test, seed)
-    if found and not gain.low > 0.0:
-        found = None
-        gain, by_horizon = _gain(before, after, test, seed)
-    if selection.findings and not gain.low > 0.0:
-        selection, after = Selection(base), base
-        gain, by_horizon = _gain(before, base, test, seed)
-    pieces, left = after.by_part, residuals(after, fine_held_out)
-    compared = residuals(after, whitened(fine_held_out, after)) if after.whitened else left
+    pieces, left = after.by_part, residuals(after, data.fine_held_out)
+    compared = residuals(after, whitened(data.fine_held_out, after)) if after.whitened else left
     traced = Evidence(
         plant=plant, before=before, after=after, train=whole, test=held_out,
-        recordings={'train': train, 'test': test}, fitted=fine, hidden=(),
-        findings=selection.findings,
-        improvement=gain, by_horizon=by_horizon, held_out_error=rms(np.concatenate(left)),
+        recordings={'train': train, 'test': test}, fitted=data.fine, hidden=(),
+        findings=selection.findings, improvement=gain, by_horizon=by_horizon,
+        held_out_error=rms(np.concatenate(left)),
         held_out_ratio=rms(np.concatenate(compared)) / max(after.error, 1e-300),
         floor=noise_floor(pieces), white=is_white(pieces),
         lines=tuple(lines(pieces, sample_time)),
         bursts=tuple(bursts(residuals(after, [*whole, *held_out]))),
-        depends_on=tuple(dependences(after, fine)), drifts=drift_test(after, fine),
-        by_ports=predicted_by_ports(after, fine), found=found,
-        best_named=best_named(replaced, others) if found and replaced else None)
-    return traced if traced.fails else replace(traced, hidden=tuple(undetectable(after, fine)))
+        depends_on=tuple(dependences(after, data.fine)), drifts=drift_test(after, data.fine),
+        by_ports=predicted_by_ports(after, data.fine), found=found,
+        best_named=best_named(explained.replaced, data.coarse_held_out) if (
+            found and explained.replaced) else None)
+    return traced if traced.fails else replace(
+        traced, hidden=tuple(undetectable(after, data.fine)))
+
+
+def _count(parts: Sequence[Part]) -> int:
+    """Count the samples of parts."""
+    return sum(len(part.measured) for part in parts)
+
+
+def _thinned(before: Fit, fine: Sequence[Part], whole: Sequence[Part],
+             held_out: Sequence[Part], sample_time: float) -> _Data:
+    """Thin recordings as far as the free run of the linear model hardly changes by it."""
+    plant = before.candidate.plant
+    factor = harmless_factor(before, fine, _count(whole))
+    while not all(excerpt(parts, plant, sample_time, factor) for parts in (whole, held_out)):
+        factor //= 2        # what is thinned must be long enough, at factor 1 all of it is
+    some, some_held_out = (excerpt(parts, plant, sample_time, factor)
+                           for parts in (whole, held_out))
+    every = factor > 1 and _count(whole) <= AT_LAST
+    return _Data(whole, held_out, whole if every else some, held_out if every else some_held_out,
+                 thin(some, plant, factor), thin(some_held_out, plant, factor), factor,
+                 sample_time)
+
+
+def _explain(base: Fit, data: _Data, known: Model | None, seed: int,
+             progress: Callable[[str], None]) -> tuple[Fit, Explanation]:
+    """Search for what a model lacks; returns also the model without it, fitted no worse.
+
+    Args:
+        base: the model.
+        data: what is fitted, and what tests.
+        known: a model with effects that another search found.
+        seed: of the bootstrap.
+        progress: called with what is being done.
+    """
+    given = len(base.candidate.effects)
+    single = [] if known is None else [
+        replace(resampled(known, base.candidate.sample_time),
+                effects=(*known.effects[:given], placed)) for placed in known.effects[given:]]
+    times = _times([*data.train, *data.held_out], data.sample_time)
+    context = Context(data.coarse, data.coarse_held_out, times, seed, progress)
+    explained = explain(base, context, single)
+    base = explained.base
+    if explained.fit is base:
+        return base, explained
+    bare = replace(explained.fit.candidate, effects=explained.fit.candidate.effects[:given])
+    from_final = search(bare, data.coarse, LONG)
+    better = min(context.best(base), from_final, key=lambda fit: fit.cost)
+    if explained.selection.fit is base:
+        explained = explained._replace(selection=Selection(better))
+    return better, explained
+
+
+def _fitted_to_all(before: Fit, base: Fit, linear: Model | None, explained: Explanation,
+                   data: _Data, seed: int, progress: Callable[[str], None]
+                   ) -> tuple[Fit, Fit, Selection, FittedCurve | None]:
+    """Fit the models to all samples, and drop what these do not determine.
+
+    Args:
+        before: the model to start from, fitted.
+        base: the model without what was found.
+        linear: the linear model from its several starts; None where another was given.
+        explained: what was found.
+        data: what is fitted.
+        seed: of the bootstrap.
+        progress: called with what is being done.
+
+    Returns:
+        The fit before, that without what was found, the named effects, and the curve.
+    """
+    selection, found, after = explained.selection, explained.found, explained.selection.fit
+    if data.factor > 1:
+        progress('fitting all samples')
+        named = after is not base
+        base = _as_recorded(base, data.sample_time, data.fine)
+        if linear:
+            base = min(base, search(linear, data.fine, FURTHER), key=lambda fit: fit.cost)
+        after = _as_recorded(after, data.sample_time, data.fine) if named else base
+        found = found and _on_all(found, after, data, seed)
+    if linear:
+        before = base
+    elif data.factor > 1:
+        before = search(before.candidate, data.fine, 1)
+    after = without_unreached(after, data.fine)
+    if found:
+        found = replace(found, fit=without_unreached(found.fit, data.fine))
+        return before, base, replace(selection, fit=after), found
+    kept = without_undetermined(replace(selection, fit=after), base, data.fine)
+    last = base if selection.findings and not kept.findings else after
+    before, base = (kept.fit if fit is last else fit for fit in (before, base))
+    return before, base, kept, None
+
+
+def _confirmed(before: Fit, base: Fit, selection: Selection, found: FittedCurve | None,
+               test: Recording, seed: int
+               ) -> tuple[Selection, FittedCurve | None, Improvement, bool]:
+    """Keep what improves the reported figure, too; returns also how much, see `_gain`."""
+    gain, by_horizon = _gain(before, selection.fit if found is None else found.fit, test, seed)
+    if found and not gain.low > 0.0:
+        found = None
+        gain, by_horizon = _gain(before, selection.fit, test, seed)
+    if selection.findings and not gain.low > 0.0:
+        selection = Selection(base)
+        gain, by_horizon = _gain(before, base, test, seed)
+    return selection, found, gain, by_horizon
 
 
 def _times(parts: Sequence[Part], sample_time: float) -> tuple[float, float]:
@@ -262,11 +346,10 @@ def _gain(before: Fit, after: Fit, test: Recording, seed: int) -> tuple[Improvem
     return improvement(first, then, seed), by_horizon
 
 
-def _on_all(found: FittedCurve, after: Fit, sample_time: float, parts: Sequence[Part],
-            held_out: Sequence[Part], seed: int) -> FittedCurve | None:
+def _on_all(found: FittedCurve, after: Fit, data: _Data, seed: int) -> FittedCurve | None:
     """Fit a curve to all samples; None if it does not help on the held-out ones."""
-    fit = _as_recorded(found.fit, sample_time, parts)
-    white = whitened(held_out, after) if after.whitened else held_out
+    fit = _as_recorded(found.fit, data.sample_time, data.fine)
+    white = whitened(data.held_out, after) if after.whitened else data.held_out
     helps = held_out_gain(after, fit, white, seed)
     return replace(found, fit=fit, gain=helps) if helps.low > 0.0 else None
 
