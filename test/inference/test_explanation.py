@@ -55,16 +55,22 @@ def test_where_both_searches_name_the_same_the_error_of_the_run_decides(recorded
     assert found.fit.error < from_truth.error
 
 
-def stub_searches(monkeypatch, *chains):
-    """Let the searches end with these, in turn; each is a function of base and context."""
-    ends = iter(chains)
+def stub_searches(monkeypatch, *selections):
+    """Let the searches end with these, in turn; each is a function of base and context.
+
+    Returns:
+        The models that each search was given to start from, once it has begun.
+    """
+    ends, given = iter(selections), []
 
     def grown(base, context, known):
+        given.append(known)
         return base, next(ends)(base, context), []
 
     monkeypatch.setattr(explanation, '_selected', grown)
     monkeypatch.setattr(explanation, 'with_curve', lambda selection, base, context:
                         (selection, None, None))
+    return given
 
 
 def nothing(base, context):
@@ -94,3 +100,15 @@ def test_other_effects_are_taken_if_they_are_surely_better(
     found = explain(*recorded, [])
     assert (found.fit.whitened is not None) == taken
     assert [placed.effect.id for placed in found.fit.candidate.effects] == ['dead_zone']
+
+
+@pytest.mark.slow
+def test_the_second_search_begins_with_the_parameters_found_beside_each_effect(
+        recorded, monkeypatch):
+    """The lack of a dead zone biases those of the linear fit."""
+    given = stub_searches(monkeypatch, a_zone, nothing)
+    found = explain(*recorded, [])
+    (start,) = given[1]
+    assert start.effects == found.fit.candidate.effects
+    assert start.values == found.fit.candidate.values
+    assert start.values['K_v'] > 1.1 * recorded[0].candidate.values['K_v']
