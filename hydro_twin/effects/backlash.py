@@ -7,10 +7,10 @@ from hydro_twin.effects.effect import Effect, EffectParameter, Quantity, Span, S
 
 @compiled
 def law(v, s, p, z, h, c, z_next):  # type: ignore[no-untyped-def]
-    """Give torque only from the twist beyond the gap, G (twist -+ gap).
+    """Transmit torque only for the twist beyond the gap, G (twist -+ gap).
 
-    [Nordin and Gutman 2002, 2.1]. The value v is proportional to the twist, so the part of it
-    that the gap leaves is known.
+    See [Nordin and Gutman 2002, 2.1]. The value v is proportional to the twist, so it is scaled by
+    the share of the twist beyond the gap.
     """
     gap, twist = p[0], s[0]
     if abs(twist) <= gap:

@@ -1,8 +1,8 @@
 """Derivatives of functions of numbers: code generated from their source.
 
-Forward mode: beside each variable goes its derivative by each of those that it depends on; the
-partial derivatives of an expression by its variables are found in reverse. Branches and loops stay
-as they are.
+Statements are differentiated in forward mode: each variable carries its derivatives with respect
+to the seeds on which it depends. The partial derivatives of an expression with respect to its
+variables are found in reverse mode. Branches and loops stay as they are.
 """
 from __future__ import annotations
 
@@ -43,7 +43,7 @@ class Function:
                        if isinstance(n, ast.Name) and isinstance(n.ctx, ast.Store)]
         self.begin()
         self.find_seeds()
-        # Set once and for all, or never: nothing else to begin with.
+        # Seeds never assigned, and names assigned once outside any block, need no initialisation.
         written = [ast.unparse(target) for target, _ in self.pairs]
         self.once = {x for x in self.seeds if x not in written} | {
             ast.unparse(target) for statement in self.body for target, _ in assigned(statement)

@@ -17,14 +17,15 @@ class EffectParameter:
             value and of the signals there; anything else stands for itself.
         lower, upper: physical range.
         log: whether a search moves in its logarithm (then lower is above zero).
-        refinement: the value that leaves it out of the law; the simple law has it fixed there.
-            None: part of the simple law.
-        unreached: of a limit, the value that stands for none: a limit that the recording never
-            reached is not a found one. None: no limit.
+        refinement: the neutral value, at which the simple law fixes the parameter. None: part of
+            the simple law.
+        unreached: of a limit, the value that stands for no limit; a limit that the recording never
+            reached is not identified. None: not a limit.
         fixed: whether it is set from the recording, and no fit moves it.
-        scales: power of the effect's strength that it goes with: 1 for an amplitude, -1 for a
-            supply pressure, below which a flow falls; 0 if it says nothing of the strength, or,
-            as the width of a dead zone, has a local minimum at each cluster of turning points.
+        scales: power of the effect's strength to which it is proportional: 1 for an amplitude, -1
+            for a supply pressure, below which a flow falls; 0 if it does not measure the strength,
+            or if, as for the width of a dead zone, the fit has a local minimum at each cluster of
+            turning points.
     """
 
     name: str

@@ -9,11 +9,11 @@ NONE = 1e9              # a stop that is not there
 
 @compiled
 def law(v, s, p, z, h, c, z_next):  # type: ignore[no-untyped-def]
-    """Add to the speed what keeps the position between lower and upper.
+    """Correct the speed so that the position stays between lower and upper.
 
-    Solved for the end of the step: the stop takes just the speed that would lead beyond it, and
-    nothing else, so that the stroke is left as soon as the drive turns back (complementarity,
-    Moreau's time stepping). A saturation behind an integrator would wind up.
+    Solved for the end of the step: the stop removes only the speed that would lead beyond it, so
+    that the axis leaves the stop as soon as the drive reverses (complementarity, Moreau's time
+    stepping). A saturation behind an integrator would wind up.
     """
     if h == 0.0:
         return v

@@ -78,7 +78,7 @@ def refined(span: Span, values: tuple[float, ...]) -> Starts:
 
 
 def distinguishable(span: Span, values: tuple[float, ...]) -> bool:
-    """Tell breaking away from a blow at each reversal, which several times the force would be."""
+    """Reject an extra breakaway force so large that it would act as a blow at each reversal."""
     F_c, F_s, *_ = values
     return F_s <= BREAKAWAY * F_c
 

@@ -7,10 +7,10 @@ from hydro_twin.effects.effect import Effect, EffectParameter, Quantity, Span, S
 
 @compiled
 def law(v, s, p, z, h, c, z_next):  # type: ignore[no-untyped-def]
-    """Take off what a stop operator holds: what stays bound within +-width [Visintin 1994, III.2].
+    """Subtract the output of a stop operator, which stays within +-width [Visintin 1994, III.2].
 
-    z is what is bound less slope v, which stays as it is between the edges. At slope 1 this is the
-    play operator; below, part of each small movement passes at once, as with a Bouc-Wen law.
+    z is that output less slope v, which is constant between the edges. At slope 1 this is the play
+    operator; below 1, part of each small movement passes at once, as with a Bouc-Wen law.
     """
     width, slope = p[0], p[1]
     bound = min(max(z[0] + slope * v, -width), width)

@@ -13,9 +13,9 @@ SMALL = 1e-3            # steps over the time constant, below which their ends d
 def law(v, s, p, z, h, c, z_next):  # type: ignore[no-untyped-def]
     """Give y of time_constant y' + y = v, from rest; exact for a command held over a step.
 
-    z is y and the length of the steps, zero before the first. What leaves the port is taken as
-    linear over a step. This is the line with the mean and the first moment of the true course,
-    so that a step may be longer than the time constant.
+    z is y and the step length, zero before the first step. The output of the port is taken as
+    linear over a step: the line has the mean and the first moment of the exact response, so that a
+    step may be longer than the time constant.
     """
     if z[1] == 0.0:
         z_next[0] = v

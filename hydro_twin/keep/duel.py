@@ -170,10 +170,10 @@ class Duel:
 
 
 def memory(values: np.ndarray) -> float:
-    """Estimate over how many samples a signal remembers: its integrated autocorrelation.
+    """Estimate the correlation length of a signal [samples]: its integrated autocorrelation.
 
-    From the lowest frequencies of the periodogram, which is the variance of long means, over the
-    variance of a sample; 1 for white noise.
+    The lowest frequencies of the periodogram give the variance of long means, which is divided by
+    the variance of a sample; 1 for white noise.
 
     Args:
         values: shape (n,), in any unit.

@@ -117,8 +117,8 @@ class Regimes:
     def worse(self, alpha: float) -> list[str]:
         """Name the regimes in which the newer model is worse.
 
-        The probability that one in which it is not is ever named is at most alpha, in all regimes
-        together: the k-th one visited has alpha / (k (k + 1)) of it, which sums to alpha.
+        The probability of ever naming a regime in which it is not worse is at most alpha over all
+        regimes: the k-th one visited is allotted alpha / (k (k + 1)), which sums to alpha.
         """
         return [name for name, one in self.found.items()
                 if one.worse.log >= math.log((one.order + 1) * (one.order + 2) / alpha)]

@@ -100,9 +100,9 @@ class Aligner:
         self._wait = wait * 1e9
 
     def note_silence(self, silence: int) -> None:
-        """Note how long nothing has come [ns], so that `advance` goes on where inputs rest.
+        """Note how long nothing has come [ns], so that `advance` continues while inputs rest.
 
-        Where they come at a rate, silence is a stall, and the stamps will tell what it was.
+        If an input is sent at a rate, silence is a stall and is ignored: later stamps decide.
         """
         resting = all(track.resting for track in self.tracks if track.needed)
         self._silence = silence if resting else 0

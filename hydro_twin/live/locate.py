@@ -1,10 +1,10 @@
 """Where a fault enters: the port at which an unknown input best explains the innovation.
 
-At each port the observer is given an unknown input: a random walk, and beside it a law of what
-passes there (a curve, a hysteresis or a lag) whose coefficients are unknown and normal. The
-innovation of the observer with the walk depends on the coefficients linearly, as in the
-generalised likelihood ratio test [Willsky and Jones 1976]; here they are integrated out, and the
-likelihood is maximised by the intensities of walk and law alone.
+Each port in turn is given an unknown input: a random walk, plus a law of the signals there (a
+curve, a hysteresis or a lag) with unknown, normally distributed coefficients. The innovation of
+the observer with the walk is linear in these coefficients, as in the generalised likelihood ratio
+test [Willsky and Jones 1976]. Here they are integrated out, so that the likelihood is maximised
+only over the intensities of walk and law.
 """
 from __future__ import annotations
 
@@ -165,10 +165,10 @@ def integrated(responses: FloatArray, innovation: FloatArray) -> tuple[float, Fl
 
 
 def _verdict(model: Model, found: Sequence[_Explanation], plain: float) -> Location:
-    """Name the ports that are likeliest by far.
+    """Name the most likely ports, if the evidence is significant.
 
-    Under the model as it is, the likelihood of each explanation over its own is 1 in the mean. So
-    that of any of K is above K / `DOUBT` with a probability of at most `DOUBT`.
+    Under the model as it is, the likelihood ratio of each explanation has mean 1. So the
+    probability that any of K ratios exceeds K / `DOUBT` is at most `DOUBT`.
     """
     names: dict[str, _Explanation] = {}
     for one in sorted(found, key=_gain, reverse=True):

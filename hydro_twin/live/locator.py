@@ -1,4 +1,4 @@
-"""From a rise of the residual to its place: keeps the newest samples, and thinks in a thread."""
+"""Locates the fault behind a rise of the residual: keeps the newest samples, works in a thread."""
 from __future__ import annotations
 
 from collections import deque

@@ -91,10 +91,11 @@ def threshold_of(reference: float, batches: float) -> float:
 
 
 def square_noise(residual: np.ndarray) -> float:
-    """Measure how noisy the mean of the squared residual is, whatever the residual's colour.
+    """Estimate the variance of the mean squared residual, whatever the residual's colour.
 
-    From the lowest frequencies of the periodogram of the squares, which is the variance of long
-    batch means; an upper limit, so that colour that is hard to see makes no false alarms.
+    It is taken from the lowest frequencies of the periodogram of the squares, which give the
+    variance of long batch means. It is an upper limit, so that colour that is hard to detect
+    causes no false alarms.
 
     Args:
         residual: shape (n,), in any unit.

@@ -11,7 +11,7 @@ Publish = Callable[[bytes], object]
 
 
 class Outlet:
-    """Steps a twin and publishes what it can stand behind; its twin may be exchanged."""
+    """Steps a twin and publishes its valid predictions; the twin can be replaced while running."""
 
     def __init__(self, twin: Twin, horizon: int, prediction: Publish, residual: Publish,
                  states: Publish, ahead: Publish, parameters: Publish) -> None:

@@ -28,9 +28,9 @@ def signatures(port: Port, value: FloatArray, signals: FloatArray
         signals: what an effect may read there beside, (N, as many as the port declares).
 
     Returns:
-        By what the law depends on, a function that makes the signatures whose sum, each times a
-        coefficient, it is, (how many, N): curves over the value, its rate of change and the
-        signals, loops, and lags.
+        By name, a function that returns the basis functions of a law, (how many, N): curves over
+        the value, its rate of change and the signals, loops, and lags. The law is their weighted
+        sum.
     """
     read = {'value': value, 'rate': np.diff(value, prepend=value[0]),
             **dict(zip(port.signals, signals.T, strict=True))}

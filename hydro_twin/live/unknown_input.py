@@ -22,10 +22,10 @@ UNKNOWN = 'unknown_input'   # the name of the state that walks at random, and of
 
 
 def with_unknown_input(plant: Plant, index: int, unit: float) -> Plant:
-    """Add to what reaches a port a state that stays as it is and an input, both in a unit.
+    """Add a constant state and an input to the value that reaches a port, both in a given unit.
 
-    Noise on the rate of the state makes it a random walk. Where nothing but held commands reaches
-    the port, so does nothing but held values of the input.
+    Process noise makes the state a random walk. Where only held commands reach the port, the input
+    is held as well.
 
     Args:
         plant: the plant.
@@ -101,8 +101,8 @@ def observe(observer: Observer, start: FloatArray, inputs: FloatArray, measured:
                         results, estimates, gains)
     passing = estimates[:, 0]
     if shown is not None:
-        # What is known after a sample depends on its noise, and so would explain it: go on from
-        # the two before in a straight line.
+        # An estimate after a sample contains its noise, and so would explain it: extrapolate
+        # linearly from the two samples before.
         passing = (np.vstack([passing[:1], passing[:1], 2.0 * passing[1:-1] - passing[:-2]])
                    + inputs @ shown[:, n:n + m].T)
     return Seen((measured - results[:, 0]) / np.sqrt(results[:, 1]), results[:, 1], passing, gains)

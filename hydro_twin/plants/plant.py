@@ -190,9 +190,9 @@ class Plant:
 
     @property
     def integrates(self) -> bool:
-        """Whether the output keeps what the states once were: a pole at zero.
+        """Whether the output never forgets an earlier state: the plant has a pole at zero.
 
-        Then a long free run adds up what the laws miss, and what happened first weighs most.
+        Then a long free run accumulates the errors of the laws, and the earliest weigh most.
         """
         poles = np.abs(np.linalg.eigvals(self.laws(self.constant_values() | self.middle()).A))
         return bool(poles.min() < INTEGRATES * poles.max())

@@ -1,7 +1,7 @@
-"""Parameters that change slowly, followed by the observer as states that walk at random.
+"""Slowly varying parameters, followed by the observer as random-walk states.
 
-Each goes as the logarithm of its value over that in the model. The matrices of the step move with
-it by their derivatives, and are recomputed where that is no longer accurate.
+Each state is the logarithm of a parameter over its value in the model. The matrices of the step
+are updated to first order in it, and recomputed where that is no longer accurate.
 """
 from __future__ import annotations
 
@@ -30,16 +30,16 @@ FAR = 0.05              # the square of so small a change moves no matrix by mor
 
 
 class Slow(NamedTuple):
-    """The parameters of one run, Q of them, and what they do to the step.
+    """The followed parameters of one run, Q of them, and how the step depends on them.
 
     Attributes:
         now: logarithm of each over its value in the model, (Q,).
-        at: the same, when the matrices were made.
+        at: `now` when the matrices were last computed.
         far: largest distance from `at` at which they are used; infinite for those of an effect.
-        low, high: between which it stays.
-        entry: of a parameter of an effect among those of the step; -1: one of the plant.
-        p: of a parameter of an effect, its value in the model.
-        M, H, compliance: of the step, as they were made.
+        low, high: bounds of `now`.
+        entry: index of an effect's parameter among those of the step; -1: one of the plant.
+        p: value of an effect's parameter in the model.
+        M, H, compliance: of the step, as last computed.
         M_slopes, H_slopes, compliance_slopes: their derivatives, (Q, how many).
     """
 

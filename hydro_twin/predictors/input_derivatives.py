@@ -1,4 +1,4 @@
-"""Derivatives of the inputs by how late they act."""
+"""Derivatives of the inputs with respect to their delays."""
 from __future__ import annotations
 
 from hydro_twin.compiled import compiled
@@ -10,7 +10,7 @@ from hydro_twin.predictors.rows import put
 def input_rows(step, tangent, part, inputs, k, U0, U1):  # type: ignore[no-untyped-def]
     """Write the derivatives of the inputs at start and end of a part of a step.
 
-    Where the later or earlier time is that of a sample, they are those of acting earlier.
+    At a sample, where the derivatives are one-sided, they are those towards a smaller delay.
     """
     for j in tangent.shifts:
         begin = part / step.substeps - step.shift[j]

@@ -1,11 +1,12 @@
 """The compiled step of the observer: a Kalman filter in square-root form.
 
-The states of the plant, what the effects keep and the parameters that are followed are filtered
-together. A prediction moves them by the compiled step, and the root S of their covariance,
-P = S S', by the derivatives of the same step, in which each law is made linear over what is not
-known of its input; process noise is added and S made triangular again by reflections [Kaminski et
-al. 1971]. A measurement updates both by Potter's formula [Bierman 1977, II.3]. So P is symmetric
-and positive semidefinite whatever the rounding, and with process noise definite in the states.
+The filter estimates the states of the plant, the memory of the effects and the followed parameters
+together. The prediction propagates the estimate by the compiled step, and the square root S of its
+covariance, P = S S', by the derivatives of that step, with each law linearised statistically over
+the uncertainty of its input. Process noise is then added, and reflections make S triangular again
+[Kaminski et al. 1971]. A measurement updates both by Potter's formula [Bierman 1977, II.3]. So P
+stays symmetric and positive semidefinite despite rounding, and definite in the states where there
+is process noise.
 
 Output and sensors have independent noise, so they are taken in one after another, each as a single
 measurement, and one that is missing is passed over. All are made linear where the output is.
@@ -22,12 +23,12 @@ from hydro_twin.predictors.kernel import LIMIT
 from hydro_twin.predictors.step_derivatives import advance, divided, output, read_sensor
 from hydro_twin.predictors.tangents import split_rows
 
-# When a sensor is believed: the square of its innovation is compared with the variance that the
-# filter expects, sample by sample [Bar-Shalom, Li and Kirubarajan 2001, 5.4]. Five standard
-# deviations are passed by chance once in two million samples. A reading that hangs or is off may
-# come closer for a while, so the mean of these ratios over about `MEMORY` samples, none counted as
-# more than the gate, must also stay below `LASTING` of it: twice the expected deviation, which
-# chance alone does not reach (fifteen of its standard deviations), and single outliers neither.
+# The gate of a sensor: its squared innovation over the variance that the filter expects, sample by
+# sample [Bar-Shalom, Li and Kirubarajan 2001, 5.4]. Chance exceeds five standard deviations once
+# in two million samples. A stuck or biased sensor may pass the gate for a while, so the mean of
+# these ratios over about `MEMORY` samples, each clipped at the gate, must also stay below
+# `LASTING` times the gate: an RMS of twice the expected deviation. Neither chance alone (fifteen
+# standard deviations of that mean) nor a single outlier reaches it.
 GATE, MEMORY, LASTING = 5.0 ** 2, 50.0, 0.16
 
 
@@ -134,7 +135,8 @@ def show(shown, S, x, z, q, u, d, v, estimate):  # type: ignore[no-untyped-def]
 def spread(noise, slope, N):  # type: ignore[no-untyped-def]
     """Return the noise of a measurement, and the variance of its innovation.
 
-    To the former counts what the laws vary beside a line, in the columns after the first N.
+    The noise includes the residual variance of the linearised laws, in the columns after the
+    first N.
     """
     for j in range(N, len(slope)):
         noise += slope[j] * slope[j]
@@ -147,9 +149,9 @@ def spread(noise, slope, N):  # type: ignore[no-untyped-def]
 @compiled
 def take_in(  # type: ignore[no-untyped-def]
         S, slope, noise, variance, innovation, x, z, slow):
-    """Move what is estimated, and the root of its covariance, by one measurement.
+    """Update the estimate, and the square root of its covariance, with one scalar measurement.
 
-    slope (N or more,) are the derivatives of what was measured by the columns of S.
+    slope (N or more,) holds the derivatives of the measured quantity along the columns of S.
     """
     n, w, N = len(x), len(z), len(S)
     shrink = 1.0 / (variance + math.sqrt(noise * variance))
@@ -215,18 +217,18 @@ def take_in_sensors(  # type: ignore[no-untyped-def]
 def run(  # type: ignore[no-untyped-def]
         step, tangent, filter_, scratch, slow, x, z, inputs, measured, begin, end, results,
         estimates, gains):
-    """Predict each sample from begin to end, and take in what is measured there, if anything.
+    """Predict each sample from begin to end, and update with what is measured there, if anything.
 
-    Moves x, z, the parameters that are followed, and the root of their covariance. measured (M, 1
-    or 1 + R) holds the output and the sensors of the plant, nan where there is none. results (M, 2
-    or 2 + 2R) gets of each its prediction, from all that was taken in before it, and the variance
-    of the innovation; nan of a sensor that is not there. estimates (M, 2, R), if not empty, get
-    what is known after the sample, and its standard deviation; gains (M, n + memory), if not
-    empty, by how much of the innovation of the output state and memory moved. A run that diverges
-    is left at nan from there on. slow is None where no parameter is followed: that is compiled by
-    itself, since to pass what is not needed would take as long as the rest. Returns the sample
-    after the last one done: it ends early where a parameter has moved so far that the matrices
-    must be made anew.
+    x, z, the followed parameters and the square root of their covariance are updated in place.
+    measured (M, 1 or 1 + R) holds the output and the sensors of the plant, nan where there is
+    none. results (M, 2 or 2 + 2R) receives, for each of them, its prediction from all measurements
+    processed before it, and the variance of the innovation; nan for a sensor that is not there.
+    estimates (M, 2, R), if not empty, receives the estimates after each sample and their standard
+    deviations; gains (M, n + memory), if not empty, the gains of state and memory for the output.
+    After a divergence, results and estimates are nan. slow is None where no parameter is followed:
+    this case is compiled separately, since passing unused arrays would take as long as the rest.
+    Returns the sample after the last one done. The run ends early where a parameter has moved so
+    far that the matrices must be recomputed.
     """
     S, blocks, room, work, g, v, misfit = scratch
     tangent = split_rows(step, tangent)

@@ -210,7 +210,8 @@ def advance(step, x, z, work, inputs, k, everywhere):  # type: ignore[no-untyped
 def output(step, x, z, work, inputs, k, everywhere):  # type: ignore[no-untyped-def]
     """Return the last port at sample k; leaves inputs in work[1], what effects add in work[5].
 
-    That is found where it reaches the output at once, and else only if it is wanted `everywhere`.
+    What the effects add is computed where it reaches the output directly, and otherwise only if
+    `everywhere` is set.
     """
     m = len(step.shift)
     P = step.H.shape[1] - len(x) - m

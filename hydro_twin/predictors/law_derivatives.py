@@ -38,10 +38,10 @@ def reads(step, tangent, e, column, usual, g):  # type: ignore[no-untyped-def]
 @inlined
 def linearise(  # type: ignore[no-untyped-def]
         step, tangent, e, v, value, s, z, h, c, z_next, spare, g, out, row):
-    """Make a law linear over covariances, of which the derivatives in spare are roots.
+    """Linearise a law statistically; the derivatives in spare are square roots of covariances.
 
-    Returns what it gives on average, beside the value that it gives at the best guess. What no
-    line explains of it goes to a column of its own of a row of out.
+    Returns the mean of its value where the law is curved, else `value`, that at the estimate. The
+    residual standard deviation of the linear fit is added to a column of its own in a row of out.
     """
     effect = step.effects[e]
     p, first, last = step.p[effect.p_begin:effect.p_end], effect.z_begin, effect.z_end

@@ -1,8 +1,8 @@
-"""Laws of effects made linear: at a point by their derivatives, or over what is not known there.
+"""Linearisation of the laws of effects: by derivatives at a point, or over an uncertain input.
 
-An observer does not know where a law is read. Near a kink the slope at the best guess is that of
-one side; what is right on average is the mean slope over the distribution, the mean value, and
-what the law varies beside that line: statistical linearisation [Gelb 1974, ch. 6].
+An observer knows the input of a law only up to its uncertainty. Near a kink, the slope at the
+estimate is that of one side. On average, the mean value and the mean slope over the distribution
+are right, with the residual about that line: statistical linearisation [Gelb 1974, ch. 6].
 """
 from __future__ import annotations
 
@@ -70,9 +70,9 @@ def straight(code, v, s, p, z, h, c, z_next, g, value, dv, ds):  # type: ignore[
 def average(code, v, s, p, z, h, c, z_next, g, total, dv, ds):  # type: ignore[no-untyped-def]
     """Average a law, its derivatives and the memory it leaves over a normal distribution.
 
-    A standard deviation moves the value by dv and the first signal by ds; total is scratch of the
-    shape of g, and one column more. Returns the mean of the value, and the standard deviation that
-    no line explains.
+    One standard deviation moves the value by dv and the first signal by ds; total is scratch, one
+    column wider than g. Returns the mean of the value, and the standard deviation of its residual
+    about the fitted line.
     """
     rows, columns, at = 1 + len(z), 4 + len(p) + len(z), s[0]
     mean = square = 0.0

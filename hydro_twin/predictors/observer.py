@@ -20,8 +20,8 @@ from hydro_twin.predictors.tangents import NONE, tangent_of
 if TYPE_CHECKING:
     from hydro_twin.model import Noise
 
-# A predicted output this many times as uncertain as the plant's largest says nothing any more: the
-# covariance begins anew. It bounds what grows while nothing is measured.
+# The covariance is reset when the standard deviation of the predicted output exceeds this multiple
+# of a typical large output. This bounds its growth while nothing is measured.
 USELESS = 1e3
 UNWANTED = np.empty((0, 0))     # gains that nobody asks for
 

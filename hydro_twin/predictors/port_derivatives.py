@@ -44,7 +44,8 @@ def add_effects(  # type: ignore[no-untyped-def]
         step, tangent, x, u, z, h, s, z_next, d, X, U, D, Z, Z_next, spare, g):
     """Do what `kernel.add_effects` does, and write the derivatives into D and Z_next.
 
-    Only of what a law depends on: a limit that is not reached adds nothing, whatever reaches it.
+    Derivatives on which a law does not depend are skipped: a limit that is not reached adds
+    nothing, whatever its input.
     """
     H, active = step.H, step.active
     for i in active:
@@ -77,10 +78,10 @@ def add_effects(  # type: ignore[no-untyped-def]
 
 @compiled
 def add_to_port(step, tangent, out, port, v, at, D, j, apart):  # type: ignore[no-untyped-def]
-    """Add the derivatives of what values at a port do to the state at the end of a step.
+    """Add the derivatives of the contribution of one port to the state at the end of a step.
 
-    At its start the value is v[at], with its derivatives in row j of D; at its end each is `apart`
-    further on.
+    The value at the start of the step is v[at], with its derivatives in row j of D; those at the
+    end are `apart` further on.
     """
     M, n, m = step.M, len(step.M), len(step.shift)
     width, P = M.shape[1], step.H.shape[1] - n - m

@@ -196,9 +196,9 @@ def combine(  # type: ignore[no-untyped-def]
         _row_by_row, _row_by_term, _terms):
     """Add to the first `count` rows of out a sum of rows, each times its factor.
 
-    To the k-th, over the terms q, factors[at + k factor_by_row + q factor_by_term], counted
-    through their array, times row j + k row_by_row + q row_by_term of rows. Where `fresh`, that is
-    written instead.
+    Row k receives the sum over q of factors[at + k factor_by_row + q factor_by_term], indexed as a
+    flat array, times row j + k row_by_row + q row_by_term of rows. Where `fresh`, the sum replaces
+    the row.
     """
     def generate(context, builder, signature, args):  # type: ignore[no-untyped-def]
         (out, count, fresh, factors, at, factor_by_row, factor_by_term, rows, j, row_by_row,

@@ -31,11 +31,11 @@ def run_stretches(  # type: ignore[no-untyped-def]
         step, tangent, x, z, template, work, blocks, g, inputs, sensors, y, dy, stretches):
     """Fill y (N, 1 + K) with output and sensors, dy (N, 1 + K, D) with their derivatives.
 
-    Over stretches (R, 5) of parts that follow one another in the arrays: of each its part, where
-    that begins and ends, and its first and last sample there. `sensors` are rows of H, (K,). x
-    (P, n) and z (P, memory) of the parts are moved. Derivatives are those of the template at the
-    start of a part, and go on from there within it. A run that diverges is left at nan from there
-    on, its derivatives at 0.
+    Each row of stretches (R, 5) holds a part, where it begins and ends in the arrays, the first
+    sample of the stretch within the part, and the one after its last. `sensors` are rows of H,
+    (K,). x (P, n) and z (P, memory) of the parts are updated in place. Derivatives start from the
+    template at the start of a part. After a divergence, the rest of the part is nan, and its
+    derivatives are 0.
     """
     n, W, m = x.shape[1], z.shape[1], len(step.shift)
     tangent = split_rows(step, tangent)
@@ -65,7 +65,7 @@ def run_stretches(  # type: ignore[no-untyped-def]
 
 @compiled
 def bound(dy, edges, limit):  # type: ignore[no-untyped-def]
-    """Set derivatives dy (N, 1 + K, D) to zero in each part, by the columns that grow further."""
+    """Zero, in each part, the columns of dy (N, 1 + K, D) that reach the limit anywhere."""
     for part in range(len(edges) - 1):
         begin, end = edges[part], edges[part + 1]
         beyond = False

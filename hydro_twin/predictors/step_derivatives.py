@@ -1,8 +1,9 @@
 """The compiled step with its derivatives.
 
-`advance` and `output` do what those of the kernel do, to the last digit, and carry beside the
-state x, the effects' memory z and the output their derivatives X (n, D), Z (memory, D) and (D,) by
-D unknowns. Those of the plant come first, since only they move the matrices.
+`advance` and `output` reproduce those of the kernel to the last digit, and also propagate
+derivatives with respect to D unknowns: X (n, D) of the state x, Z (memory, D) of the effects'
+memory z, and (D,) of the output. The unknowns of the plant come first, since only they change the
+matrices.
 """
 from __future__ import annotations
 
@@ -69,7 +70,7 @@ def rows_for(system: System, blocks: int) -> FloatArray:
 def divided(X, Z, room, m, P):  # type: ignore[no-untyped-def]
     """Make `Rows` of X, Z and room for the others, which come after them in `rows_for`.
 
-    Of one array compiled code has less to keep at hand than of nine.
+    Compiled code has fewer pointers to keep in registers with one array than with nine.
     """
     n, W = len(X), len(Z)
     D = 2 * m

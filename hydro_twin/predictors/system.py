@@ -231,10 +231,10 @@ class System:
             yield k, np.array([one[1:] for one in some])
 
     def memory_edges(self, inputs: FloatArray, x: FloatArray) -> FloatArray:
-        """Return between what the memory of the effects may be as K runs begin, (K, memory, 2).
+        """Return the bounds of the effects' memory at the start of K runs, (K, memory, 2).
 
-        The follower of a play may be anywhere between two edges, to which its law takes what is
-        beyond. The memory of an implicit effect fades at once: zero.
+        The follower of a play may be anywhere between two edges, to which its law clips anything
+        beyond. The memory of an implicit effect decays at once: zero.
 
         Args:
             inputs: of the first sample of each run, (K, m).

@@ -27,12 +27,12 @@ class Tangent(NamedTuple):
 
     Attributes:
         rows: those of `TangentRows`, one after another.
-        moves: which elements of H have any, of its shape.
-        shifts: the inputs of which that moves how late they act.
+        moves: which elements of H depend on an unknown, in the shape of H.
+        shifts: indices of the inputs whose delay depends on an unknown.
         compliance: how far the first signal of each implicit effect rises for a unit added, (K,).
-        moving: whether the matrices move at all.
-        rest: the first of K columns for what the laws vary beside a line, where the derivatives of
-            a state are a root of its covariance; -1 where they are but derivatives.
+        moving: whether M depends on an unknown.
+        rest: the first of K columns for the residuals of the linearised laws, where the columns
+            are those of a covariance root; -1 where they are plain derivatives.
     """
 
     rows: FloatArray

@@ -41,8 +41,8 @@ def remove_jitter(received: IntArray) -> IntArray:
 def _line(received: IntArray, counts: FloatArray) -> IntArray:
     """Fit a line that late arrivals do not move.
 
-    Its slope is the median of the slopes between the halves of the record, its height the median
-    of what is left.
+    The slope is the median of the slopes between the halves of the record; the intercept is the
+    median of the residuals.
     """
     if len(received) < SHORTEST:
         return received

@@ -140,8 +140,8 @@ def split_by_series(recording: Recording) -> tuple[Recording, Recording]:
     return Recording(train, recording.sources), Recording(test, recording.sources)
 
 
-OFTEN, EVER = 0.02, 0.002   # shares of the changes in one part, and in the other, beyond an edge
-HALF = 0.5              # of a change that one part often shows, which the other must show
+OFTEN, EVER = 0.02, 0.002   # tail shares: frequent changes of one part, rare ones of the other
+HALF = 0.5              # share of a frequent change in one part that the other part must reach
 
 
 def moves_alike(one: Recording, other: Recording, signal: str, lag: float) -> bool:
