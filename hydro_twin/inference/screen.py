@@ -110,7 +110,7 @@ def screen(fit: Fit, parts: Sequence[Part]) -> list[ScoredEffect]:
     starts = [placed for effect, port in places(candidate.plant, candidate.effects)
               for placed in _starts(effect, port, reach[port])]
     without = _run_baseline(fit, parts)
-    prospects: dict[tuple[str, str], list[ScoredEffect]] = {}
+    scored: dict[tuple[str, str], list[ScoredEffect]] = {}
     for placed, moved in zip(
             starts, in_processes(partial(_response, without, parts, basis), starts), strict=True):
         size = float(moved @ moved)
@@ -118,10 +118,9 @@ def screen(fit: Fit, parts: Sequence[Part]) -> list[ScoredEffect]:
         if not math.isfinite(size) or size <= 0.0:
             continue
         right_way = max(along, 0.0)
-        prospect = ScoredEffect(placed, right_way**2 / (size * power), right_way / size)
-        prospects.setdefault((placed.effect.id, placed.port.kind + placed.port.name),
-                             []).append(prospect)
-    best = [sorted(some, key=_rank, reverse=True)[:2] for some in prospects.values()]
+        one = ScoredEffect(placed, right_way**2 / (size * power), right_way / size)
+        scored.setdefault((placed.effect.id, placed.port.kind + placed.port.name), []).append(one)
+    best = [sorted(some, key=_rank, reverse=True)[:2] for some in scored.values()]
     return [p for some in sorted(best, key=lambda some: _rank(some[0]), reverse=True)
             for p in some]
 
@@ -169,11 +168,11 @@ def _response(without: _Baseline, parts: Sequence[Part], basis: FloatArray, plac
     return _orthogonal(without.residual - left, basis)
 
 
-def _rank(prospect: ScoredEffect) -> float:
+def _rank(scored: ScoredEffect) -> float:
     """Share explained, reduced where the start is much too weak or too strong to be linear."""
-    if prospect.gain <= 0.0:
+    if scored.gain <= 0.0:
         return 0.0
-    return prospect.share / (1.0 + 0.05 * math.log(prospect.gain) ** 2)
+    return scored.share / (1.0 + 0.05 * math.log(scored.gain) ** 2)
 
 
 def undetectable(fit: Fit, parts: Sequence[Part]) -> list[Hidden]:

@@ -133,14 +133,14 @@ def fit_alternatives(base: Fit, parts: Sequence[Part], times: tuple[float, float
         most_error: what leaves more is not searched on, nor refined.
     """
     progress(f'screening all effects{_beside(base.candidate.effects)}')
-    prospects = screen(base, parts)
+    scored = screen(base, parts)
     reach = spans(base.candidate, parts)
     hiding = [with_effect(base.candidate, Placed(effect, port, tuple(values)))
               for effect, port in places(base.candidate.plant, base.candidate.effects)
               if effect.hides for values in effect.starts(reach[port])[:1]]
-    if not afresh and nothing_shows(base, prospects, _divided(hiding, parts)[0], parts):
+    if not afresh and nothing_shows(base, scored, _divided(hiding, parts)[0], parts):
         return []
-    near = [*(with_effect(base.candidate, placed) for placed in shortlist(prospects, most)),
+    near = [*(with_effect(base.candidate, placed) for placed in shortlist(scored, most)),
             *hiding]
     plain = [*known, *drift_starts(base, parts, times)]
     if afresh:
@@ -212,7 +212,7 @@ def successive_halving(candidates: Sequence[Model], parts: Sequence[Part],
         fits[0] for fits, count in zip(ranked, starts, strict=True) if not count)])
 
 
-def nothing_shows(base: Fit, prospects: Sequence[ScoredEffect], hiding: Sequence[Model],
+def nothing_shows(base: Fit, scored: Sequence[ScoredEffect], hiding: Sequence[Model],
                   parts: Sequence[Part]) -> bool:
     """Whether the residual is white and no effect has a score above chance.
 
@@ -220,7 +220,7 @@ def nothing_shows(base: Fit, prospects: Sequence[ScoredEffect], hiding: Sequence
     spread over so many samples that a residual may hold much of it and look white.
     """
     chance = PROMISING / len(base.residual)
-    if any(p.share >= chance for p in prospects) or not is_white(base.by_part):
+    if any(p.share >= chance for p in scored) or not is_white(base.by_part):
         return False
     without, *problems = _problems([base.candidate, *hiding], parts)
     power = without.evaluate_base().sum_of_squares

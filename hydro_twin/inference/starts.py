@@ -104,17 +104,16 @@ def relocated(candidate: Model, parts: Sequence[Part]) -> list[Model]:
     return moved
 
 
-def shortlist(prospects: Sequence[ScoredEffect], most: int) -> list[Placed]:
+def shortlist(scored: Sequence[ScoredEffect], most: int) -> list[Placed]:
     """Take the effects of the best scores, each from its best start.
 
     The first few from the second, too, and from the best made as strong as the residual says: a
     law that is far too strong at its start moves the output so far that no search leads back.
     """
     effects: dict[tuple[str, str, str], list[ScoredEffect]] = {}
-    for prospect in prospects:
-        placed = prospect.placed
-        effects.setdefault((placed.effect.id, placed.port.name, placed.port.kind), []).append(
-            prospect)
+    for one in scored:
+        placed = one.placed
+        effects.setdefault((placed.effect.id, placed.port.name, placed.port.kind), []).append(one)
     chosen = []
     for rank, starts in enumerate(effects.values()):
         best = starts[0]

@@ -197,11 +197,11 @@ def test_screening_and_curves_are_answered_too(drawn):
         return
     assert wrong_answers(*made) == []
     fit, parts = made
-    prospects = screen(fit, parts)
-    for prospect in prospects:
-        assert is_share(prospect.share)
-        assert 0.0 <= prospect.gain < np.inf
-        assert prospect.placed.port in fit.candidate.plant.ports
+    scored = screen(fit, parts)
+    for one in scored:
+        assert is_share(one.share)
+        assert 0.0 <= one.gain < np.inf
+        assert one.placed.port in fit.candidate.plant.ports
     assert all(h.id and h.port and h.says and '\n' not in h.says for h in undetectable(fit, parts))
     found = find_curve(fit, parts, parts, [replace(curve, p_value=0.0, share=1.0)
                                            for curve in free_curves(fit, parts)], 0)

@@ -178,10 +178,10 @@ def test_spans_do_not_hold_a_state_that_the_start_tells_badly():
 @pytest.mark.parametrize('name', ['friction', 'asymmetry', 'stiffening'])
 def test_screening_puts_the_right_effect_first(name):
     fit, train, _ = lacking(name)
-    prospects = screen(fit, train)
-    assert prospects[0].placed.effect.id == name
+    scored = screen(fit, train)
+    assert scored[0].placed.effect.id == name
     assert len(fit.residual) == sum(len(part.measured) - fit.candidate.start_up for part in train)
-    assert all(0.0 <= p.share <= 1.0 + 1e-9 for p in prospects)
+    assert all(0.0 <= p.share <= 1.0 + 1e-9 for p in scored)
 
 
 def test_what_cannot_show_is_said(linear):
