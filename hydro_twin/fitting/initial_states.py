@@ -3,6 +3,8 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 
+import numpy as np
+
 from hydro_twin.arrays import FloatArray, IntArray
 
 
@@ -38,8 +40,7 @@ class InitialStates:
 
     def with_others(self, parts: IntArray, others: InitialStates) -> InitialStates:
         """Replace those of some parts."""
-        copy = InitialStates(*(values.copy() for values in (
-            self.x, self.z, self.margins, self.rms)))
+        copy = self.at(np.arange(len(self)))
         for values, new in ((copy.x, others.x), (copy.z, others.z),
                             (copy.margins, others.margins), (copy.rms, others.rms)):
             values[parts] = new

@@ -16,12 +16,11 @@ from hydro_twin.errors import DataError
 from hydro_twin.fitting.fit import Fit
 from hydro_twin.fitting.identifiability import UNKNOWN
 from hydro_twin.fitting.parts import parts_of
-from hydro_twin.fitting.problem import Problem
 from hydro_twin.fitting.unknowns import get, put, Unknown
 from hydro_twin.inference.excerpt import excerpt
 from hydro_twin.inference.noise import noise_floor
 from hydro_twin.inference.screen import detectable, spans
-from hydro_twin.inference.select import searched
+from hydro_twin.inference.select import unsearched
 from hydro_twin.model import Model
 from hydro_twin.predictors.scores import rms
 from hydro_twin.recording.series import Recording
@@ -111,7 +110,7 @@ def excitation(recording: Recording, model: Model) -> Excitation:
         parts = excerpt(parts_of(recording, plant), plant, sample_time)
     except DataError as error:
         return Excitation({}, (), 0, (), 0, str(error))
-    fit = Problem(model, searched(model), parts).unsearched().main
+    fit = unsearched(model, parts).main
     noise = noise_floor(fit.by_part)
     # As it would be with nothing left but noise: what there is to be traced must not count.
     fit = replace(fit, residual=noise * np.random.default_rng(0).standard_normal(

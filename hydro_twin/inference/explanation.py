@@ -101,7 +101,7 @@ def _by_likelihood(base: Fit, selection: Selection, context: Context) -> Explana
     there, again, alternatives = _selected(search(base.candidate, white.parts, LONG), white, known)
     wider = beam_search(again, there, alternatives, white)
     if wider is not again:
-        again = _with_fine_steps(wider, there, white)
+        again = _finalised(wider, there, white)
     context.progress('trying free curves')
     again, found, replaced = with_curve(again, there, white)
     last = again.fit if found is None else found.fit
@@ -150,10 +150,10 @@ def _selected(base: Fit, context: Context, known: Sequence[Model]
     grown = select_forward(Selection(base), alternatives, context)
     base = context.best(base)
     selection = validated(grown, base, context)
-    return base, _with_fine_steps(selection, base, context), alternatives
+    return base, _finalised(selection, base, context), alternatives
 
 
-def _with_fine_steps(selection: Selection, base: Fit, context: Context) -> Selection:
+def _finalised(selection: Selection, base: Fit, context: Context) -> Selection:
     """Fit a selection with steps that are fine enough, and drop what explains too little.
 
     A search that goes further may end where an effect is no longer distinguished from a simpler

@@ -41,7 +41,7 @@ def is_structured(found: Evidence, level: float) -> bool:
                 or found.is_larger_held_out or found.is_loud or (p_value < level and share > LEFT))
 
 
-def is_residual_large(found: Evidence, share: float) -> bool:
+def is_residual_large(found: Evidence, explained: float) -> bool:
     """Whether the residual beside an effect is large, and cannot be noise.
 
     Large relative to that of the linear model, or larger than what the effect explains: an effect
@@ -49,12 +49,11 @@ def is_residual_large(found: Evidence, share: float) -> bool:
 
     Args:
         found: the evidence.
-        share: of the mean square without the effect, that it explains.
+        explained: mean square that the effect explains, over that which is left.
     """
     before, after, noise = (error**2 for error in (
         found.before.error, found.after.error, found.floor))
-    explained = after * share / max(1.0 - share, 1e-12)
-    return found.exceeds_noise and after - noise > min(MUCH * (before - noise), explained)
+    return found.exceeds_noise and after - noise > min(MUCH * (before - noise), explained * after)
 
 
 def named_effects(found: Evidence) -> tuple[NamedEffect, ...]:
@@ -86,9 +85,9 @@ def _judge(found: Evidence, finding: Finding, reach: Mapping[Port, Span],
     alike = _alike(found.plant, placed.effect.id, (placed.port.name, *other_ports), reach)
     rivals = _by_id(finding, placed.effect.id, alike)
     samples = len(found.after.main.residual)
-    telling = finding.share / (1.0 - min(finding.share, 1.0 - 1e-12)) * samples
-    settled = telling > TELLING and found.white and not is_structured(found, LIKELY)
-    unknown = SETTLED if settled else POOR if is_residual_large(found, finding.share) else DOUBTFUL
+    explained = finding.share / (1.0 - min(finding.share, 1.0 - 1e-12))
+    settled = explained * samples > TELLING and found.white and not is_structured(found, LIKELY)
+    unknown = SETTLED if settled else POOR if is_residual_large(found, explained) else DOUBTFUL
     among = coarsened_posterior({placed.effect.id: 0.0, **dict(rivals)}, samples)
     return NamedEffect(
         finding.index, placed, finding.p_value, finding.share, unknown,
