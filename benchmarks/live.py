@@ -41,7 +41,7 @@ from hydro_twin.live.reader import Reader
 from hydro_twin.live.writer import Writer
 from hydro_twin.model import Model, Noise, place, read_model, Record, write_model
 from hydro_twin.plants import plant_named
-from hydro_twin.predictors.network import Network, save_network
+from hydro_twin.predictors.network import Network, network_bytes
 from hydro_twin.recording.signals import load_signals, SignalMap
 from hydro_twin.ros.spin import make_executor
 
@@ -72,8 +72,9 @@ def make_models(folder: Path) -> dict[str, Path]:
     effects = (place('friction', 'motor', {'coulomb': 10.0}, PLANT),
                place('dead_zone', 'spool', {'centre': 0.0, 'width': 3e-6}, PLANT))
     rng = np.random.default_rng(0)
-    save_network(Network(np.array([14, 80, 1]), rng.normal(0, 0.01, 15 * 80 + 81), np.zeros(14),
-                         np.full(14, 30.0), 1.0, 1e4), folder / 'hybrid.safetensors')
+    network = Network(np.array([14, 80, 1]), rng.normal(0, 0.01, 15 * 80 + 81), np.zeros(14),
+                      np.full(14, 30.0), 1.0, 1e4)
+    (folder / 'hybrid.safetensors').write_bytes(network_bytes(network))
     promises = {'after': {mode: {'test': 1.0} for mode in ('one_step', 'free_run')}}
     paths = {}
     for name, more in {'linear': {}, 'two effects': {'effects': effects},

@@ -23,7 +23,7 @@ PACKAGE = Path(__file__).parent
 
 
 def sources() -> list[Path]:
-    """List the files that are compiled: the effects, also of other packages, and the kernel."""
+    """List what compiled code depends on: all effects, also of other packages, and predictors."""
     return sorted([*(PACKAGE / 'effects').glob('*.py'), *(PACKAGE / 'predictors').glob('*.py'),
                    *plugin_files('hydro_twin.effects'), Path(__file__)])
 
@@ -37,11 +37,11 @@ def cache_folder() -> Path:
     digest = hashlib.sha256()
     for path in sources():
         digest.update(path.name.encode() + path.read_bytes())
-    base = Path(os.environ.get('XDG_CACHE_HOME') or Path.home() / '.cache')
-    folder = base / 'hydro_twin' / digest.hexdigest()[:16]
     try:
+        base = Path(os.environ.get('XDG_CACHE_HOME') or Path.home() / '.cache')
+        folder = base / 'hydro_twin' / digest.hexdigest()[:16]
         folder.mkdir(parents=True, exist_ok=True)
-    except OSError:                         # no home, or a read-only one: compile in every run
+    except (OSError, RuntimeError):         # no home, or a read-only one: compile in every run
         folder = Path(tempfile.mkdtemp(prefix='hydro_twin_'))
     return folder
 
@@ -120,16 +120,17 @@ def compiled(function: Callable[..., Any]) -> Callable[..., Any]:
     """Compile with numba, strictly in IEEE order, so that every caller gets the same digits.
 
     What is compiled works in arrays that it is given and allocates none. That leaves out numba's
-    counting of references, which here would cost five times the arithmetic. What is first
-    compiled where an inlined function calls it is inlined, too.
+    counting of references, which here would cost five times the arithmetic. A function whose first
+    caller is an inlined one is compiled inlined, too.
     """
     return _compiled(function)
 
 
 def inlined(function: Callable[..., Any]) -> Callable[..., Any]:
-    """Compile into each function that calls it, as what a step does many times needs.
+    """Compile a function into each of its callers.
 
-    Some twenty arrays are two hundred numbers to pass: that takes as long as what is done there.
+    For what a step calls many times: to pass some twenty arrays, which are two hundred numbers,
+    would take as long as the work.
     """
     return _compiled(function, forceinline=True)
 

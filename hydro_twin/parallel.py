@@ -27,7 +27,7 @@ from typing import Any
 from hydro_twin.blas import ENVIRONMENT, one_thread
 from hydro_twin.errors import WorkerError
 
-WORTH = 2.0             # s of work that is left, from which workers start: what one costs to
+WORTH = 2.0             # s of work left above which starting workers pays: about what one costs
 LULL = 0.1              # s without work after which a worker imports what it may need later
 
 
@@ -62,8 +62,8 @@ def in_processes[T, R](function: Callable[[T], R], arguments: Sequence[T]) -> It
         yield from map(function, rest)
         return
     pool = _pool
+    pool.begin(job, min(_cores() - 1, len(rest)))
     try:
-        pool.begin(job, min(_cores() - 1, len(rest)))
         for k in range(len(rest)):
             yield pool.result(job, k)
     finally:

@@ -67,7 +67,8 @@ def test_a_file_without_the_noise_of_the_observer_is_read(raw, tmp_path):
 
 
 @pytest.mark.parametrize(('keys', 'value', 'says'), [
-    (['measurement_noise'], 0.0, 'must be above 0'), (['start', 'x_v'], math.inf, 'all finite'),
+    (['measurement_noise'], 0.0, 'must be above 0'),
+    (['start', 'x_v'], math.inf, 'must be finite'),
     (['process_noise', 'x_v'], -1.0, 'at least 0'),
     (['process_noise', 'x'], 1.0, 'the states of load_simulator are x_v, p_L'),
     (['start', 'p_L'], None, 'the states of load_simulator are x_v, p_L'),
@@ -198,6 +199,29 @@ def test_what_is_no_model_file_is_refused(tmp_path, content):
 def test_a_model_that_is_not_there(tmp_path):
     with pytest.raises(ModelError, match='no model file can be read there'):
         read_model(tmp_path / 'model.yaml')
+
+
+@pytest.mark.parametrize(('change', 'says'), [
+    ({'sample_time': math.inf}, 'sample_time: must be finite'),
+    ({'timing': {'u_m': math.inf}}, 'timing of u_m: must be finite'),
+    ({'timing': {'u_m': -0.01}}, 'timing of u_m: earlier than a sample'),
+])
+def test_times_that_no_recording_has_are_refused(raw, tmp_path, change, says):
+    path = tmp_path / 'model.yaml'
+    path.write_text(yaml.safe_dump({**raw, **change}))
+    with pytest.raises(ModelError, match=says):
+        read_model(path)
+
+
+@pytest.mark.parametrize('sample_time', [0.0, -1.0, math.nan, math.inf])
+def test_a_model_runs_at_a_positive_sample_time_only(model, sample_time):
+    with pytest.raises(ModelError, match='must be above 0, and finite'):
+        model.at(sample_time)
+
+
+def test_limits_the_wrong_way_round_are_refused():
+    with pytest.raises(ModelError, match='lower = 1 must be below upper = -1'):
+        place('saturation', 'spool', {'lower': 1.0, 'upper': -1.0}, PLANTS['load_simulator'])
 
 
 def test_where_nothing_can_be_written_nothing_is_left(model, tmp_path):

@@ -16,7 +16,7 @@ import pytest
 
 from hydro_twin import parallel
 from hydro_twin.effects import EFFECTS, Placed
-from hydro_twin.effects.curve import over
+from hydro_twin.effects.curve import of_kind
 from hydro_twin.errors import UserError, WorkerError
 from hydro_twin.parallel import beside, in_processes
 from hydro_twin.plants import PLANTS
@@ -254,6 +254,6 @@ def test_effects_are_the_same_on_the_other_side():
     for plant in PLANTS.values():
         assert pickle.loads(pickle.dumps(plant)) == plant
         port = plant.ports[-1]
-        effect = over(port, 'value')
+        effect = of_kind(port.kind, 'value')
         placed = Placed(effect, port, (0.0,) * len(effect.parameters))
         assert pickle.loads(pickle.dumps(placed)) == placed

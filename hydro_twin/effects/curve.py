@@ -51,7 +51,7 @@ CURVE = Effect(
     starts=lambda _: (),
     excitation='',
     law=law,
-    named=False,
+    explains=False,
 )
 
 
@@ -75,11 +75,6 @@ def values(placed: Placed, signal: FloatArray) -> FloatArray:
     """Evaluate what a curve adds where its signal has these values, shape (N,)."""
     p, nothing = np.array(placed.values), np.zeros(0)
     return np.array([law(0.0, np.array([s]), p, nothing, 0.0, 0.0, nothing) for s in signal])
-
-
-def over(port: Port, signal: str) -> Effect:
-    """Give the effect that reads this signal at this port."""
-    return of_kind(port.kind, signal)
 
 
 def of_kind(kind: str, signal: str, limit: float = ANY) -> Effect:

@@ -9,7 +9,7 @@ HALF = 0.5              # share that passes, from which a zone is a bend of the 
 
 @compiled
 def law(v, s, p, z, h, c, z_next):  # type: ignore[no-untyped-def]
-    """Pass beyond +-width of the centre what exceeds it, within it a share [Merritt 1967, 5.3].
+    """Pass what exceeds +-width about the centre, and a share of the rest [Merritt 1967, 5.3].
 
     The share is that of a spool whose overlap does not seal. Behind an actuator the width is
     how far it moves before the valve does, l_1 and l_2 of [L18] figure 1.
@@ -25,7 +25,7 @@ def starts(span: Span) -> Starts:
     A little off the middle, so that a search finds edges that differ; alike ones are tried
     afterwards.
     """
-    return [(share * span.value, 0.05 * share * span.value, 0.0)
+    return [(share * span.magnitude, 0.05 * share * span.magnitude, 0.0)
             for share in (0.01, 0.03, 0.08, 0.2, 0.4)]
 
 

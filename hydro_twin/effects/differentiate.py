@@ -15,6 +15,9 @@ from typing import Any
 from hydro_twin.effects.rules import BINARY, FUNCTIONS, INACTIVE
 from hydro_twin.effects.syntax import assigned, Inlined, loaded, names_in
 
+# Names that generated code knows beside its own.
+BUILT_IN = {'abs', 'float', 'int', 'len', 'math', 'max', 'min', 'range', 'round'}
+
 
 class NoTangent(Exception):  # noqa: N818
     """A law holds something that is not differentiated here."""
@@ -115,7 +118,10 @@ class Function:
     def plain(self, node: ast.expr) -> str:
         """Write an expression as it is, numbers of the module put in."""
         local = {*self.arguments, *self.stored}
-        return ast.unparse(Inlined(self.globals, local).visit(loaded(node)))
+        written = Inlined(self.globals, local).visit(loaded(node))
+        if unknown := names_in(written) - local - BUILT_IN:
+            raise NoTangent(unknown.pop())
+        return ast.unparse(written)
 
     def nested(self, head: str, statements: Sequence[ast.stmt]) -> None:
         """Write a block under its head."""

@@ -49,7 +49,7 @@ def slopes(values: Values, time: float) -> Values:
             0.0 if math.isinf(time_constant) else slope(2, STEP * time_constant), 0.0, 0.0)
 
 
-def span(values: Values) -> tuple[float, float]:
+def interval(values: Values) -> tuple[float, float]:
     """Return the stamps [s] between which the parameter changes."""
     return values[3], values[4]
 
@@ -86,5 +86,5 @@ EFFECT = Effect(
     starts=starts,
     refined=refined,
     excitation='record from a cold start until the rig is warm',
-    course=Course(factor, slopes, span),
+    course=Course(factor, slopes, interval),
 )

@@ -76,7 +76,7 @@ class Span:
         return max(high - low for low, high in self.ranges)
 
     @property
-    def value(self) -> float:
+    def magnitude(self) -> float:
         """Largest magnitude of the port's value."""
         return max(abs(self.low), abs(self.high), 1e-12)
 
@@ -110,12 +110,12 @@ class Course:
     Attributes:
         factor: parameters of the effect, stamp [s] -> the factor.
         slopes: the same -> its derivatives by the parameters.
-        span: parameters of the effect -> the stamps [s] between which it changes.
+        interval: parameters of the effect -> the stamps [s] between which it changes.
     """
 
     factor: Callable[[tuple[float, ...], float], float]
     slopes: Callable[[tuple[float, ...], float], tuple[float, ...]]
-    span: Callable[[tuple[float, ...]], tuple[float, float]]
+    interval: Callable[[tuple[float, ...]], tuple[float, float]]
 
 
 @dataclass(frozen=True)
@@ -129,8 +129,10 @@ class Effect:
         z_next: where it writes its memory at the end of the step.
 
     Attributes:
+        id: effects at different ports may share one, as `lag` at a command and at a sensor.
         kinds: the kinds of port it may sit on.
         reads: the signals of the port it reads, in the order of s; 'value' for what reaches it.
+        unit_read: unit that the first signal must have; '' for any.
         memory: how many numbers it keeps.
         starts: what the recording reaches -> sets of parameters to begin a search at.
         excitation: what a recording must hold to show it, as advice to a person.
@@ -143,11 +145,11 @@ class Effect:
             separates them from something simpler; where it does not, the effect is not tried.
         passes_for: what the recording reaches -> the id of the simpler effect that it would look
             like there, and '' where it would show for what it is.
-        implicit: the law takes the signals as they would be without it, and answers with what
-            holds at the end of the step: for forces that jump with the velocity.
+        implicit: the law gets its first signal as it would be at the end of the step without the
+            effect, and returns what holds there: for forces that jump with the velocity.
         shifts: a pure delay of these inputs ('held' or 'all'), which has no law.
         course: of a parameter of the plant, which is the port; there is no law.
-        named: whether it explains what it adds; a curve that is merely found does not.
+        explains: whether it explains what it adds; a curve that is merely found does not.
         dynamic: whether it is linear dynamics, which no curve over a signal shows.
         periodic: whether it repeats with what it reads: a run that is half a period off meets it
             in the wrong phase.
@@ -173,14 +175,16 @@ class Effect:
     implicit: bool = False
     shifts: str = ''
     course: Course | None = None
-    named: bool = True
+    explains: bool = True
     dynamic: bool = False
     periodic: bool = False
     simpler: str = ''
     shows: tuple[Quantity, ...] = ()
 
     def __post_init__(self) -> None:
-        assert len(self.reads) <= 2, f'{self.id}: the kernel hands a law two signals at most'
+        if len(self.reads) > 2 or (self.implicit and not self.reads):
+            raise ValueError(f'{self.id}: a law reads two signals at most, an implicit one at '
+                             'least one')
 
     def fits(self, port: Port) -> bool:
         """Whether the effect may sit on this port."""

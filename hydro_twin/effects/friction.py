@@ -63,18 +63,24 @@ def creeping(free, most, w):  # type: ignore[no-untyped-def]
 
 def starts(span: Span) -> Starts:
     """Sliding force against the largest force seen; breakaway, bristles, creep left out."""
-    return [(share * span.value, 0.0, 1.0, math.inf, 0.0)
+    return [(share * span.magnitude, 0.0, 1.0, math.inf, 0.0)
             for share in (0.003, 0.01, 0.03, 0.1, 0.25, 0.5)]
 
 
 def refined(span: Span, values: tuple[float, ...]) -> Starts:
-    """Bristles, then a force to break away, then both; then creep."""
+    """Bristles, then a force to break away, then both; then creep.
+
+    Bristles only where the port has a position, which says how stiff they may be.
+    """
     F_c = values[0]
     v_s = 0.05 * span.signals['velocity']
+    rigid = [(F_c, 0.3 * F_c, share * v_s, math.inf, 0.0) for share in (0.1, 0.4, 2.0)]
+    creep = (F_c, 0.0, 1.0, math.inf, v_s)
+    if 'position' not in span.signals:
+        return [*rigid, creep]
     sigma = F_c / (0.01 * span.signals['position'])
     return [(F_c, 0.0, 1.0, sigma, 0.0),
-            *[(F_c, 0.3 * F_c, share * v_s, math.inf, 0.0) for share in (0.1, 0.4, 2.0)],
-            (F_c, 0.3 * F_c, v_s, sigma, 0.0), (F_c, 0.0, 1.0, math.inf, v_s)]
+            *rigid, (F_c, 0.3 * F_c, v_s, sigma, 0.0), creep]
 
 
 def distinguishable(span: Span, values: tuple[float, ...]) -> bool:

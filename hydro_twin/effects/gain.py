@@ -7,7 +7,7 @@ from hydro_twin.effects.effect import Effect, EffectParameter, Span, Starts
 
 @compiled
 def law(v, s, p, z, h, c, z_next):  # type: ignore[no-untyped-def]
-    """Give v (1 + slope position), the gain never below nothing."""
+    """Give v (1 + slope position), the gain never below zero."""
     return v * max(1.0 + p[0] * s[0], 0.0)
 
 

@@ -6,7 +6,7 @@ import math
 from hydro_twin.compiled import compiled
 from hydro_twin.effects.effect import Effect, EffectParameter, Quantity, Span, Starts
 
-SMALL = 1e-3            # steps over the time constant, below which their ends describe a step
+SMALL = 1e-3            # step over time constant below which the values at its ends are used
 
 
 @compiled

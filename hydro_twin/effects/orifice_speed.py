@@ -21,7 +21,7 @@ def law(v, s, p, z, h, c, z_next):  # type: ignore[no-untyped-def]
 
 def starts(span: Span) -> Starts:
     """Speeds of full load as multiples of the largest speed."""
-    return [(factor * span.value, 0.0) for factor in (0.7, 1.5, 4.0)]
+    return [(factor * span.magnitude, 0.0) for factor in (0.7, 1.5, 4.0)]
 
 
 def refined(span: Span, values: tuple[float, ...]) -> Starts:
@@ -33,7 +33,7 @@ EFFECT = Effect(
     id='orifice',
     title='orifice flow',
     kinds=('speed',),
-    reads=('opening',),
+    reads=('opening',),                     # not by the law: it sits only where there is one
     parameters=(
         EffectParameter('full_load_speed', 'speed v_l at which the load takes up all of the '
                         'supply pressure', 'value', 1e-9, 1e9, scales=-1),

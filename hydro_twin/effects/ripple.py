@@ -19,7 +19,7 @@ NO_HARMONICS = (0.0, 0.0, 0.0, 0.0)
 def law(v, s, p, z, h, c, z_next):  # type: ignore[no-untyped-def]
     """Give v + sum over k of cosine_k cos(k n position) + sine_k sin(k n position), k to 3.
 
-    n periods a turn (2 pi).
+    n is the number of periods a turn (2 pi).
     """
     angle = p[2] * s[0]
     rippled = v + p[0] * math.cos(angle) + p[1] * math.sin(angle)
@@ -36,7 +36,7 @@ def starts(span: Span) -> Starts:
     step = min(max(1.0 / travel, 0.5), 6.0)
     parts = [2.0 * math.pi * part / travel for part in PARTS]
     steps = [FIRST + step * k for k in range(int((LAST - FIRST) / step))]
-    small = 0.03 * span.value
+    small = 0.03 * span.magnitude
     return [values for periods in (*(few for few in parts if FIRST <= few < LAST),
                                    *(many for many in steps if _seen(span, many) > PARTS[-1]))
             for values in ((small, 0.0, periods, *NO_HARMONICS),
@@ -58,7 +58,7 @@ def distinguishable(span: Span, values: tuple[float, ...]) -> bool:
 
 
 def _seen(span: Span, periods: float) -> float:
-    """How many of so many periods a turn the motor moves through."""
+    """Count the periods passed over the travel, at so many periods a turn."""
     return periods * span.travel['position'] / (2.0 * math.pi)
 
 

@@ -10,7 +10,7 @@ from hydro_twin.effects.soft_limit import HARD, is_limit, limited, SOFTNESS, TAN
 def law(v, s, p, z, h, c, z_next):  # type: ignore[no-untyped-def]
     """Keep the value between lower and upper; d_1 of [L18] is upper at the stem.
 
-    Where it is soft, and zero is between them, as `limited` does on either side.
+    Soft limits on both sides of zero are approached as in `limited`.
     """
     lower, upper, softness = p[0], p[1], p[2]
     if softness < HARD or lower >= 0.0 or upper <= 0.0:
@@ -20,11 +20,11 @@ def law(v, s, p, z, h, c, z_next):  # type: ignore[no-untyped-def]
 
 def starts(span: Span) -> Starts:
     """Both ends, or either, at shares of the largest value; the other end out of reach."""
-    far = 10.0 * span.value
+    far = 10.0 * span.magnitude
     return [(*limits, 0.0) for share in (0.98, 0.9, 0.75, 0.5, 0.3) for limits in (
-        (-share * span.value, share * span.value),
-        (-far, share * span.value),
-        (-share * span.value, far))]
+        (-share * span.magnitude, share * span.magnitude),
+        (-far, share * span.magnitude),
+        (-share * span.magnitude, far))]
 
 
 def refined(span: Span, values: tuple[float, ...]) -> Starts:

@@ -27,6 +27,7 @@ class Inlined(ast.NodeTransformer):
         """Write a number, or leave what is none."""
         if not isinstance(value, int | float):
             return node
+        value = float(value) if isinstance(value, float) else int(value)    # not one of numpy's
         written = repr(value) if math.isfinite(value) else f"float('{value}')"
         return ast.parse(written, mode='eval').body
 

@@ -37,6 +37,8 @@ class _Law(Function):
     def begin(self) -> None:
         """Note the elements that are read; an index that may change cannot be followed."""
         v, s, p, z, _, c, z_next = self.arguments
+        self._refuse_whole_arrays({s, p, z, z_next})
+        in_loops = self._bound_in_loops()
         self.columns: dict[str, str] = {}
         for name, column in ((v, VALUE), (c, COMPLIANCE)):
             self.follows[name] = {self.seed(name)}
@@ -47,7 +49,8 @@ class _Law(Function):
                 continue
             text, index = ast.unparse(node), ast.unparse(node.slice)
             if node.value.id in first:
-                if any(self.stored.count(name) > 1 for name in names_in(node.slice)):
+                if any(self.stored.count(name) > 1 or name in in_loops
+                       for name in names_in(node.slice)):
                     raise NoTangent(text)
                 self.follows[text] = {self.seed(text)}
                 self.columns[text] = first[node.value.id] + index
@@ -57,6 +60,25 @@ class _Law(Function):
                 self.columns[before] = first[z] + index
             else:
                 raise NoTangent(text)
+
+    def _refuse_whole_arrays(self, arrays: set[str]) -> None:
+        """Refuse arrays that are used otherwise than by element: what a helper does with them."""
+        elsewhere = [n for statement in self.body for n in ast.walk(statement)
+                     if isinstance(n, ast.Name) and n.id in arrays]
+        for node in (n for statement in self.body for n in ast.walk(statement)):
+            if isinstance(node, ast.Subscript):
+                elsewhere = [n for n in elsewhere if n is not node.value]
+            elif isinstance(node, ast.Call) and ast.unparse(node.func) == 'len':
+                elsewhere = [n for n in elsewhere if n not in node.args]
+        if elsewhere:
+            raise NoTangent(elsewhere[0].id)
+
+    def _bound_in_loops(self) -> set[str]:
+        """List the names that a loop sets, so that they differ from one pass to the next."""
+        loops = [n for statement in self.body for n in ast.walk(statement)
+                 if isinstance(n, ast.For | ast.While)]
+        return {n.id for loop in loops for n in ast.walk(loop)
+                if isinstance(n, ast.Name) and isinstance(n.ctx, ast.Store)}
 
     def head(self) -> str:
         """Write the first line, and clear what is filled."""

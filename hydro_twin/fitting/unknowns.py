@@ -126,7 +126,7 @@ def effect_unknowns(index: int, placed: Placed) -> list[Unknown]:
     for p, value in moving:
         if value in (p.refinement, p.unreached):
             continue
-        own = abs(value) if placed.effect.named else 0.0
+        own = abs(value) if placed.effect.explains else 0.0
         unknowns.append(Unknown(p.name, str(index), p.lower, p.upper, p.log,
                                 own or largest or 1.0))
     return unknowns

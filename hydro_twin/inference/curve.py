@@ -22,7 +22,6 @@ from hydro_twin.inference.select import search_all
 from hydro_twin.inference.structure import is_significant_dependence
 from hydro_twin.model import Model
 from hydro_twin.plants import Port
-from hydro_twin.predictors.system import signal_row
 from hydro_twin.result import Dependence, Improvement
 
 MOST, KEPT = 8, 3       # curves that are fitted, and of these fitted to convergence
@@ -83,7 +82,7 @@ def find_curve(fit: Fit, parts: Sequence[Part], held_out: Sequence[Part],
     carried = spans(fit.candidate, parts)
 
     def begin(candidate: Model, place: Dependence) -> Model:
-        return _begin(candidate, place, parts, LARGEST * carried[place.port].value)
+        return _begin(candidate, place, parts, LARGEST * carried[place.port].magnitude)
 
     short = search_all([begin(fit.candidate, place) for place in places], parts, SHORT)
     tried = [one for one in sorted(zip(short, places, strict=True), key=lambda one: one[0].cost)
@@ -248,7 +247,7 @@ def signal_range(candidate: Model, parts: Sequence[Part]) -> tuple[float, float]
     """
     placed = candidate.effects[-1]
     signal, system = placed.effect.reads[0], candidate.system
-    row = signal_row(candidate.plant, placed, signal)
+    row = candidate.plant.signal_row(placed.port, signal)
     if np.array_equal(system.step.H[row], system.step.H[len(candidate.plant.ports) - 1]):
         runs = [[part.measured for part in parts]]
     else:

@@ -163,7 +163,7 @@ def _along(candidate: Model, index: int, parts: Sequence[Part]
     picked = np.sort(np.concatenate([np.quantile(signal, share),
                                      signal.min() + share * np.ptp(signal)]))
     gain = _gain(signal, own)
-    return Characteristic(picked, _passed(placed, gain, picked) if placed.effect.named else
+    return Characteristic(picked, _passed(placed, gain, picked) if placed.effect.explains else
                           picked + values(placed, picked) / gain), sites
 
 

@@ -99,7 +99,7 @@ def searched(candidate: Model) -> list[Unknown]:
     delayed = any(placed.effect.shifts for placed in candidate.effects)
     unknowns = plant_unknowns(plant, 'physical')
     unknowns += [] if delayed else timing_unknowns(candidate)
-    held = max((k for k, placed in enumerate(candidate.effects) if not placed.effect.named),
+    held = max((k for k, placed in enumerate(candidate.effects) if not placed.effect.explains),
                default=0)
     for index, placed in enumerate(candidate.effects[held:], held):
         unknowns += effect_unknowns(index, placed)

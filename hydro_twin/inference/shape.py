@@ -171,7 +171,7 @@ def _over_time(fit: Fit, placed: Placed, course: Course, parts: Sequence[Part]) 
 
     The latter by least squares on what the model leaves, whitened, with all other unknowns free.
     """
-    fit, (begin, end) = fit.main, course.span(placed.values)
+    fit, (begin, end) = fit.main, course.interval(placed.values)
     last = fit.candidate.values[placed.port.name]
 
     def value(time: FloatArray) -> FloatArray:

@@ -85,7 +85,7 @@ def _units(plant: Plant) -> dict[str, str]:
 
 def _found(placed: Placed) -> dict[str, str]:
     """Say of a curve over which signal it is, and that it explains nothing."""
-    if placed.effect.named:
+    if placed.effect.explains:
         return {}
     return {'kind': placed.port.kind, 'signal': placed.effect.reads[0], 'found': NOT_EXPLAINED}
 
@@ -142,9 +142,10 @@ def load_predictor(path: Path | str, sample_time: float | None = None,
             those of the file.
 
     Raises:
-        ModelError: the file or its weights are missing or cannot be used, or the model has a
-            network, which cannot run at that sample time, or what is to be followed is not a
-            parameter with a rate; one line says which.
+        ModelError: the file or its weights are missing or cannot be used, the model has a network
+            and is asked for another sample time, or a rate is not a positive number; one line says
+            which. Whether the model has the parameters to follow is checked when its observer
+            first runs.
     """
     path = Path(path)
     model = read_model(path)
@@ -179,7 +180,7 @@ def _from_document(raw: Mapping[str, Any]) -> Model:
               effect_at(e['id'], e['port'], plant))
         units = {p.name: at[0].unit(p, at[1]) for p in at[0].parameters}
         effects.append(filled(*at, {
-            name: _quantity(f'effect {e["id"]}: {name}', p, units.get(name))
+            name: _quantity(f'effect {e["id"]}: {name}', p, units.get(name), finite=False)
             for name, p in e['parameters'].items()}))
         uncertainty |= {
             f'{k}:{name}': Uncertainty(std_error=None if spread == NOT_REACHED else spread)
@@ -196,6 +197,8 @@ def _from_document(raw: Mapping[str, Any]) -> Model:
     if sample_time <= 0 or not isinstance(substeps, int) or not 1 <= substeps <= MOST_SUBSTEPS:
         raise ModelError(f'sample_time {sample_time} must be above 0 and substeps {substeps} '
                          f'a whole number from 1 to {MOST_SUBSTEPS}')
+    if early := sorted(name for name, late in timing.items() if late < -sample_time):
+        raise ModelError(f'timing of {", ".join(early)}: earlier than a sample')
     if 'observer' in raw and not kind.analytical:
         raise ModelError(f'observer: a model of kind {kind.name} has none')
     return Model(
@@ -210,7 +213,8 @@ def _uncertainty(name: str, p: Mapping[str, Any]) -> Uncertainty:
     """Read how well a parameter of the plant is known."""
     spread = p.get('std_error')
     return Uncertainty(
-        std_error=None if spread in (None, NOT_IDENTIFIABLE, HELD) else _number(name, spread),
+        std_error=None if spread in (None, NOT_IDENTIFIABLE, HELD) else _number(
+            f'std_error of {name}', spread, finite=False),
         identifiable=spread not in (NOT_IDENTIFIABLE, HELD), at_bound=str(p.get('at_bound') or ''),
         held=spread == HELD)
 
@@ -237,29 +241,33 @@ def _noise(raw: Mapping[str, Any], plant: Plant) -> Noise:
     if not set(process) <= set(start) == set(plant.states):
         raise ModelError(f'observer: the states of {plant.name} are {", ".join(plant.states)}')
     others = (*process.values(), *start.values(), *follow.values())
-    if not (all(0.0 < value < math.inf for value in (
+    if not (all(value > 0.0 for value in (
             noise.measurement, *sensors.values(), 1.0 if innovation is None else innovation))
-            and all(0.0 <= value < math.inf for value in others)):
+            and all(value >= 0.0 for value in others)):
         raise ModelError('observer: measurement_noise, sensor_noise and innovation must be above '
-                         '0, process_noise, start and follow at least 0, and all finite')
+                         '0, process_noise, start and follow at least 0')
     return noise
 
 
-def _quantity(name: str, given: Mapping[str, Any], unit: str | None) -> float:
+def _quantity(name: str, given: Mapping[str, Any], unit: str | None, finite: bool = True
+              ) -> float:
     """Take the value of an entry, if its unit, where it has one, is the one that counts.
 
     Args:
         name: for messages.
         given: the entry, with its value.
         unit: that the value must be in; None where the name is unknown, which is refused later.
+        finite: whether it must be; a limit that is not reached is infinite.
     """
     if unit is not None and str(given.get('unit') or unit) != unit:
         raise ModelError(f'{name}: its unit must be {unit}, not {given["unit"]}')
-    return _number(name, given['value'])
+    return _number(name, given['value'], finite)
 
 
-def _number(name: str, value: object) -> float:
-    """Take a finite number, or infinity where a law allows it."""
+def _number(name: str, value: object, finite: bool = True) -> float:
+    """Take a number, finite or not."""
     if isinstance(value, bool) or not isinstance(value, int | float) or math.isnan(value):
         raise ModelError(f'{name}: {value!r} is not a number')
+    if finite and math.isinf(value):
+        raise ModelError(f'{name}: must be finite')
     return float(value)

@@ -4,7 +4,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 
 from hydro_twin.effects import Effect, EFFECTS, Placed, sites
-from hydro_twin.effects.curve import CURVE, over
+from hydro_twin.effects.curve import of_kind
 from hydro_twin.errors import ModelError
 from hydro_twin.plants import Plant, Port
 
@@ -43,7 +43,7 @@ def curve_at(port_name: str, kind: str, signal: str, plant: Plant) -> tuple[Effe
     """
     for port in plant.ports:
         if (port.name, port.kind) == (port_name, kind) and signal in ('value', *port.signals):
-            return over(port, signal), port
+            return of_kind(port.kind, signal), port
     raise ModelError(f'{plant.name} takes no curve over {signal} at port {port_name} ({kind})')
 
 
@@ -68,7 +68,9 @@ def filled(effect: Effect, port: Port, parameters: Mapping[str, float]) -> Place
             raise ModelError(f'effect {identifier}: {p.name} = {value:g} is outside '
                              f'{p.lower:g} to {p.upper:g}')
         values.append(float(value))
-    if effect.id == CURVE.id and not values[0] < values[1]:
-        raise ModelError(f'effect {identifier}: low = {values[0]:g} must be below '
-                         f'high = {values[1]:g}')
-    return Placed(effect, port, tuple(values))
+    placed = Placed(effect, port, tuple(values))
+    for low, high in (('low', 'high'), ('lower', 'upper')):
+        if low in placed.named and not placed.named[low] < placed.named[high]:
+            raise ModelError(f'effect {identifier}: {low} = {placed.named[low]:g} must be below '
+                             f'{high} = {placed.named[high]:g}')
+    return placed

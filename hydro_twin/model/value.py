@@ -165,12 +165,15 @@ class Model:
     def at(self, sample_time: float) -> Model:
         """Return the same physics at another sample time [s].
 
-        The laws are integrated with steps no longer than before, and eq. 1 is that of the new
-        sample time. The errors are those at the old one.
+        The laws are integrated with steps no longer than before (but at most `MOST_SUBSTEPS` in a
+        sample), and eq. 1 is that of the new sample time. The errors are those at the old one.
 
         Raises:
-            ModelError: the model has a network, which knows its own sample time only.
+            ModelError: the sample time is not a positive number, or the model has a network, which
+                knows its own sample time only.
         """
+        if not 0.0 < sample_time < math.inf:
+            raise ModelError(f'a sample time of {sample_time:g} s must be above 0, and finite')
         if same(sample_time, self.sample_time):
             return self
         if kind_named(self.kind).weights:

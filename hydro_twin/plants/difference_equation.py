@@ -6,7 +6,6 @@ from typing import Any
 
 import numpy as np
 import numpy.typing as npt
-from scipy.linalg import expm
 
 from hydro_twin.arrays import FloatArray
 from hydro_twin.plants.plant import Laws
@@ -82,9 +81,3 @@ def bilinear_coefficients(
     b = [sum(a[i][:, None] * response[j - i] for i in range(j + 1)) for j in range(n + 1)]
     return np.concatenate(
         [-np.stack(a[1:], axis=1), np.stack(b, axis=2).reshape(len(A), -1)], axis=1)
-
-
-def characteristic(laws: Laws, sample_time: float) -> FloatArray:
-    """Coefficients a of the exact discrete system, without its leading 1; shape (n,)."""
-    poles = np.linalg.eigvals(expm(laws.A * sample_time))
-    return np.real(np.poly(poles))[1:]

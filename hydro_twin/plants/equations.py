@@ -40,8 +40,8 @@ class Ports:
             ModelError: the next port has another name, or other signals.
         """
         k = len(self.values)
-        if k == len(self._names) or name != self._names[k] or len(signals) != len(
-                self._signals[k]):
+        if (k == len(self._names) or name != self._names[k]
+                or signals.keys() != set(self._signals[k])):
             raise ModelError(f'port {name} ({", ".join(signals) or "no signals"}) is not the next '
                              f'of those declared, {", ".join(self._names)}')
         self.values.append(value)

@@ -61,7 +61,7 @@ class Constant:
 
 @dataclass(frozen=True)
 class Signal:
-    """An input or the output; a held one is a command, which keeps its value until the next."""
+    """An input, the output or a sensor; a held input is a command, kept until the next one."""
 
     name: str
     meaning: str
@@ -195,7 +195,7 @@ class Plant:
         Then a long free run accumulates the errors of the laws, and the earliest weigh most.
         """
         poles = np.abs(np.linalg.eigvals(self.laws(self.constant_values() | self.middle()).A))
-        return bool(poles.min() < INTEGRATES * poles.max())
+        return bool(poles.min() <= INTEGRATES * poles.max())
 
     def laws(self, values: Mapping[str, float]) -> Laws:
         """Write the equations as matrices.
@@ -214,6 +214,17 @@ class Plant:
                        [sensor.name for sensor in self.sensors])
         return Laws(*(block for matrix in rows
                       for block in (matrix[..., :n], matrix[..., n:n + m], matrix[..., n + m:])))
+
+    def signal_row(self, port: Port, name: str) -> int:
+        """Find the row of a signal at a port, 'value' for its own value.
+
+        Among the rows of all ports' values and then of their signals, port after port.
+        """
+        k = self.ports.index(port)
+        if name == 'value':
+            return k
+        before = sum(len(other.signals) for other in self.ports[:k])
+        return len(self.ports) + before + list(port.signals).index(name)
 
     def middle(self) -> dict[str, float]:
         """Return the value of each parameter in the middle of its search box, a geometric mean."""
@@ -303,7 +314,10 @@ class Plant:
         return self if kept == self.combinations else replace(self, combinations=kept)
 
     def _parted(self, combination: Mapping[str, int], rows: Sequence[int]) -> bool:
-        """Whether sensors separate the members of a combination: one reacts where they change."""
+        """Whether a sensor separates the members of a combination.
+
+        Its response changes when two members change, and their product of powers does not.
+        """
         values = self.constant_values() | self.middle()
         (first, power), *others = combination.items()
         laws = self.laws(values)

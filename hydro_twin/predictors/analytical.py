@@ -143,8 +143,9 @@ def deviations(predictor: Analytical, estimates: Sequence[FloatArray]
         estimates: of each series, by `Analytical.observed`.
 
     Returns:
-        By state 'std', the median of the standard deviation after each measurement, and
-        'free_run', that of the free run, in SI units; None of what is no state of the plant.
+        For each quantity 'std', the median over the samples of its standard deviation after a
+        measurement, and 'free_run', the same without measurements, None of what is no state of the
+        plant; in SI units.
 
     Raises:
         ModelError: the model has no noise.

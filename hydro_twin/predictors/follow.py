@@ -1,7 +1,8 @@
 """Slowly varying parameters, followed by the observer as random-walk states.
 
 Each state is the logarithm of a parameter over its value in the model. The matrices of the step
-are updated to first order in it, and recomputed where that is no longer accurate.
+are updated to first order in it, and recomputed where that is no longer accurate. A drift in the
+model is then left out: its last values hold throughout, and the observer follows the change.
 """
 from __future__ import annotations
 

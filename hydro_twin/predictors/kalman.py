@@ -25,11 +25,12 @@ from hydro_twin.predictors.tangents import split_rows
 
 # The gate of a sensor: its squared innovation over the variance that the filter expects, sample by
 # sample [Bar-Shalom, Li and Kirubarajan 2001, 5.4]. Chance exceeds five standard deviations once
-# in two million samples. A stuck or biased sensor may pass the gate for a while, so the mean of
-# these ratios over about `MEMORY` samples, each clipped at the gate, must also stay below
-# `LASTING` times the gate: an RMS of twice the expected deviation. Neither chance alone (fifteen
-# standard deviations of that mean) nor a single outlier reaches it.
-GATE, MEMORY, LASTING = 5.0 ** 2, 50.0, 0.16
+# in two million samples. A stuck or biased sensor may pass the gate for a while. So the mean of
+# this ratio, the normalised innovation squared (NIS), over about `NIS_SAMPLES` samples, each
+# clipped at the gate, must also stay below `NIS_SHARE` times the gate: an RMS of twice the
+# expected deviation. Neither chance alone (some twenty standard deviations of that exponential
+# mean) nor a single outlier reaches it.
+GATE, NIS_SAMPLES, NIS_SHARE = 5.0 ** 2, 50.0, 0.16
 
 
 class Filter(NamedTuple):
@@ -43,7 +44,8 @@ class Filter(NamedTuple):
         variances: of the noise of the output and of each sensor of the plant, (1 + R,); nan of a
             sensor whose noise is not known, which is not used.
         gate: squared innovation of a sensor over its variance beyond which it is not believed.
-        most: standard deviation of the predicted output beyond which the covariance begins anew.
+        reset_deviation: of the predicted output: a standard deviation beyond which the covariance
+            begins anew.
         shown: what is estimated beside the prediction, as sums of states, memory and parameters,
             then inputs and what effects add to the ports, (R, N + m + P).
     """
@@ -54,7 +56,7 @@ class Filter(NamedTuple):
     used: int
     variances: FloatArray
     gate: float
-    most: float
+    reset_deviation: float
     shown: FloatArray
 
 
@@ -69,8 +71,8 @@ class Scratch(NamedTuple):
         g: partial derivatives of a law.
         v: rows like those of S, one to work in, then one for each of output and sensors,
             (2 + R, C).
-        misfit: of output and sensors, the mean of their squared innovations over the variances
-            expected, over the last `MEMORY` samples, (1 + R,); kept for the sensors.
+        nis: of output and sensors, the mean normalised innovation squared over about the last
+            `NIS_SAMPLES` samples, (1 + R,); kept for the sensors.
     """
 
     S: FloatArray
@@ -79,7 +81,7 @@ class Scratch(NamedTuple):
     work: FloatArray
     g: FloatArray
     v: FloatArray
-    misfit: FloatArray
+    nis: FloatArray
 
 
 @compiled
@@ -132,7 +134,7 @@ def show(shown, S, x, z, q, u, d, v, estimate):  # type: ignore[no-untyped-def]
 
 
 @compiled
-def spread(noise, slope, N):  # type: ignore[no-untyped-def]
+def innovation_variance(noise, slope, N):  # type: ignore[no-untyped-def]
     """Return the noise of a measurement, and the variance of its innovation.
 
     The noise includes the residual variance of the linearised laws, in the columns after the
@@ -147,7 +149,7 @@ def spread(noise, slope, N):  # type: ignore[no-untyped-def]
 
 
 @compiled
-def take_in(  # type: ignore[no-untyped-def]
+def update(  # type: ignore[no-untyped-def]
         S, slope, noise, variance, innovation, x, z, slow):
     """Update the estimate, and the square root of its covariance, with one scalar measurement.
 
@@ -198,18 +200,18 @@ def read_sensors(  # type: ignore[no-untyped-def]
 
 
 @compiled
-def take_in_sensors(  # type: ignore[no-untyped-def]
-        S, slopes, variances, gate, misfit, x, z, slow, measured, result):
+def update_by_sensors(  # type: ignore[no-untyped-def]
+        S, slopes, variances, gate, nis, x, z, slow, measured, result):
     """Take in what the sensors read at a sample, one after another, as far as it is believed."""
     for o in range(1, len(measured)):
         innovation = measured[o] - result[2 * o]
         if innovation == innovation:
-            noise, variance = spread(variances[o], slopes[o], len(S))
+            noise, variance = innovation_variance(variances[o], slopes[o], len(S))
             result[2 * o + 1] = variance
             ratio = innovation * innovation / variance
-            misfit[o] += (min(ratio, gate) - misfit[o]) / MEMORY
-            if ratio <= gate and misfit[o] <= LASTING * gate:
-                take_in(S, slopes[o], noise, variance, innovation, x, z, slow)
+            nis[o] += (min(ratio, gate) - nis[o]) / NIS_SAMPLES
+            if ratio <= gate and nis[o] <= NIS_SHARE * gate:
+                update(S, slopes[o], noise, variance, innovation, x, z, slow)
                 move_sensors(len(S), slopes, o, noise, variance, innovation, result)
 
 
@@ -230,7 +232,7 @@ def run(  # type: ignore[no-untyped-def]
     Returns the sample after the last one done. The run ends early where a parameter has moved so
     far that the matrices must be recomputed.
     """
-    S, blocks, room, work, g, v, misfit = scratch
+    S, blocks, room, work, g, v, nis = scratch
     tangent = split_rows(step, tangent)
     n, N, w, used, variances = len(x), len(S), len(z), filter_.used, filter_.variances
     m = len(step.shift)
@@ -258,13 +260,13 @@ def run(  # type: ignore[no-untyped-def]
             results[k:end] = float('nan')
             estimates[k:end] = float('nan')
             return end
-        noise, variance = spread(variances[0], slope, N)
-        known = variance <= filter_.most * filter_.most
+        noise, variance = innovation_variance(variances[0], slope, N)
+        known = variance <= filter_.reset_deviation * filter_.reset_deviation
         if measured.shape[1] > 1:
             read_sensors(step, tangent, variances, x, z, work, rows, measured[k], slopes,
                          results[k])
         if not known:
-            variance = filter_.most * filter_.most
+            variance = filter_.reset_deviation * filter_.reset_deviation
             for i in range(N):
                 for j in range(S.shape[1]):
                     S[i, j] = filter_.start[i, j]
@@ -277,11 +279,11 @@ def run(  # type: ignore[no-untyped-def]
                     for j in range(N):
                         covariance += S[i, j] * slope[j]
                     gains[k, i] = covariance / variance
-            take_in(S, slope, noise, variance, innovation, x, z, slow)
+            update(S, slope, noise, variance, innovation, x, z, slow)
             if measured.shape[1] > 1:
                 move_sensors(N, slopes, 0, noise, variance, innovation, results[k])
         if known and measured.shape[1] > 1:
-            take_in_sensors(S, slopes, variances, filter_.gate, misfit, x, z, slow, measured[k],
+            update_by_sensors(S, slopes, variances, filter_.gate, nis, x, z, slow, measured[k],
                             results[k])
         if len(estimates) > 0:
             show(filter_.shown, S, x, z, q, work[1, :m], work[5, :P], free, estimates[k])

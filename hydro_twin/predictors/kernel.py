@@ -5,7 +5,8 @@ What an effect adds to its port is evaluated at the start of a step and at its p
 is of second order; a force that jumps with the velocity is solved for the end of the step. With no
 effects the step is exact at any length.
 
-The memory z is that of the effects, then for each effect what an implicit one added last.
+z holds the memory of all effects, then one number for each effect: what it added last, if it is
+implicit.
 
 Everything a step needs is in one `Step`, see `assemble` in system.py.
 """
@@ -211,7 +212,8 @@ def output(step, x, z, work, inputs, k, everywhere):  # type: ignore[no-untyped-
     """Return the last port at sample k; leaves inputs in work[1], what effects add in work[5].
 
     What the effects add is computed where it reaches the output directly, and otherwise only if
-    `everywhere` is set.
+    `everywhere` is set. A delayed input is interpolated here, a held one too: that matters only
+    where an input reaches a port, signal or sensor directly.
     """
     m = len(step.shift)
     P = step.H.shape[1] - len(x) - m
@@ -251,7 +253,8 @@ def live_fields(step: Step) -> tuple[Any, ...]:
 def live_step(x, z, work, inputs, k, M, H, effects, *others):  # type: ignore[no-untyped-def]
     """`advance` for a caller in Python; nan where the run has diverged.
 
-    The fields of a `Step` one by one, and none of them of records, are passed faster.
+    It takes the fields of a `Step` one by one, and the effects as plain integers, since these are
+    passed faster.
     """
     y = advance(Step(M, H, effects.view(ENTRY), *others), x, z, work, inputs, k, False)
     return y if abs(y) < LIMIT else float('nan')
@@ -261,9 +264,9 @@ def live_step(x, z, work, inputs, k, M, H, effects, *others):  # type: ignore[no
 def run(step, x, z, work, inputs, y, seen, first, last):  # type: ignore[no-untyped-def]
     """Fill y with the output at samples first <= k < last of the inputs (N, m).
 
-    From state x and memory z, those of the sample before the first, which are moved. Where `seen`
-    (N, P + S or more) is not empty it gets the values of ports, signals and as many sensors as it
-    has columns for. A run that diverges is left at nan from there on.
+    From state x and memory z, those of the sample before the first, which are updated in place.
+    Where `seen` (N, P + S or more) is not empty it gets the values of ports, signals and as many
+    sensors as it has columns for. A run that diverges is left at nan from there on.
     """
     for k in range(first, last):
         if k == 0:
@@ -286,10 +289,7 @@ def run(step, x, z, work, inputs, y, seen, first, last):  # type: ignore[no-unty
 
 @compiled
 def run_each(step, x, z, work, inputs, which, y, seen):  # type: ignore[no-untyped-def]
-    """Fill each row of y (K, N) by a run from its own state x[k] and memory z[k].
-
-    Over the inputs of its part, inputs[which[k]].
-    """
+    """Fill each row of y (K, N) by a run over inputs[which[k]] from its own x[k] and z[k]."""
     for k in range(len(y)):
         run(step, x[k], z[k], work, inputs[which[k]], y[k], seen, 0, y.shape[1])
 
@@ -298,7 +298,8 @@ def run_each(step, x, z, work, inputs, which, y, seen):  # type: ignore[no-untyp
 def run_stretches(step, x, z, work, inputs, y, seen, stretches):  # type: ignore[no-untyped-def]
     """Fill y (N,) by runs over parts that follow one another in the inputs (N, m).
 
-    Stretches as in sensitivities.py; x (P, n) and z (P, memory) of the parts are moved.
+    Stretches as in sensitivities.py; x (P, n) and z (P, memory) of the parts are updated
+    in place.
     """
     for r in range(len(stretches)):
         part, begin, end = stretches[r, 0], stretches[r, 1], stretches[r, 2]

@@ -39,7 +39,7 @@ def source() -> str:
         name = f'tangent_{k}'
         try:
             functions.append(law_tangent(law, name))
-        except (NoTangent, OSError):
+        except (NoTangent, OSError, SyntaxError):
             imports.append(f'from {module} import law as law_{k}')
             functions.append(law_differences(f'law_{k}', name))
         branches.append(f'    if code == {k}:\n        return {name}(v, s, p, z, h, c, z_next, g)')

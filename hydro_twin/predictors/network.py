@@ -4,7 +4,6 @@ from __future__ import annotations
 from dataclasses import dataclass
 import json
 import math
-from pathlib import Path
 
 import numpy as np
 from safetensors.numpy import save
@@ -12,7 +11,6 @@ from safetensors.numpy import save
 from hydro_twin.arrays import FloatArray, IntArray
 from hydro_twin.compiled import compiled
 from hydro_twin.errors import ModelError
-from hydro_twin.files import write_whole
 
 FORMAT = '1'
 
@@ -105,11 +103,6 @@ class Network:
         """Count the weights of layers of these widths."""
         return int(np.sum((sizes[:-1] + 1) * sizes[1:]))
 
-    @property
-    def hidden(self) -> tuple[int, ...]:
-        """Widths of the hidden layers."""
-        return tuple(self.sizes[1:-1].tolist())
-
     def scratch(self) -> FloatArray:
         """Return the scratch for the layers of one sample, for `predict`."""
         return np.empty((2, int(self.sizes.max())))
@@ -128,11 +121,6 @@ class Network:
         forward_all(self.sizes, self.weights, self.shift, self.scale, self.output_scale,
                     np.ascontiguousarray(regressors), self.scratch(), outputs)
         return outputs
-
-
-def save_network(network: Network, path: Path) -> None:
-    """Write a network to a .safetensors file, whole or not at all."""
-    write_whole(path, network_bytes(network))
 
 
 def network_bytes(network: Network) -> bytes:

@@ -144,7 +144,7 @@ def load_network_predictor(model: Model, folder: Path) -> NetworkPredictor:
 
 
 def load_network(path: Path) -> Network:
-    """Read a network that `save_network` wrote.
+    """Read a network from a file of `network_bytes`.
 
     Raises:
         ModelError: the file is missing, damaged, of another format, or does not fit together.
@@ -160,5 +160,5 @@ def load_network(path: Path) -> Network:
         return made(np.array(json.loads(metadata['sizes']), dtype=np.int64),
                     tensors['weights'], tensors['input_shift'], tensors['input_scale'],
                     tensors['output_scale'].item(), tensors['output_limit'].item())
-    except (OSError, SafetensorError, KeyError, ValueError, ModelError) as error:
+    except (OSError, SafetensorError, KeyError, TypeError, ValueError, ModelError) as error:
         raise ModelError(f'{path}: not a network of this software: {error}') from error

@@ -10,7 +10,7 @@ from scipy.linalg import expm
 from hydro_twin.arrays import FloatArray
 from hydro_twin.plants.plant import Laws
 from hydro_twin.predictors.follow import Followed
-from hydro_twin.predictors.kalman import Filter, GATE, LASTING, run, Scratch
+from hydro_twin.predictors.kalman import Filter, GATE, NIS_SHARE, run, Scratch
 from hydro_twin.predictors.quantities import quantities_of
 from hydro_twin.predictors.rows import in_rows, WIDTH
 from hydro_twin.predictors.step_derivatives import partials, rows_for
@@ -56,15 +56,15 @@ class Observation:
     @property
     def believed(self) -> dict[str, bool]:
         """The sensors whose noise is known, and whether each is believed by now; see `kalman`."""
-        misfit, known = self.scratch.misfit, self.observer.filter
-        return {sensor.name: bool(misfit[k] <= LASTING * known.gate)
+        nis, known = self.scratch.nis, self.observer.filter
+        return {sensor.name: bool(nis[k] <= NIS_SHARE * known.gate)
                 for k, sensor in enumerate(self.observer.system.plant.sensors, 1)
                 if math.isfinite(known.variances[k])}
 
     def copy(self) -> Observation:
         """Copy it, to go on with while this one stays."""
         other = Observation(self.observer, self.x.copy(), self.z.copy())
-        other.scratch.S[:], other.scratch.misfit[:] = self.scratch.S, self.scratch.misfit
+        other.scratch.S[:], other.scratch.nis[:] = self.scratch.S, self.scratch.nis
         followed = self.observer.followed
         if followed and self.slow and other.slow:
             other.slow.now[:] = self.slow.now

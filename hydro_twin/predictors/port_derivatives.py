@@ -17,7 +17,7 @@ from hydro_twin.predictors.rows import add, clear, combine
 @inlined
 def observe_rows(step, tangent, row, x, u, d, X, U, D, out, i):  # type: ignore[no-untyped-def]
     """Write the derivatives of a row of H at x, inputs u and what effects add, d."""
-    H, dH, moves = step.H, tangent.H, tangent.moves
+    H, dH, moves = step.H, tangent.H, tangent.H_varies
     n, m = len(x), len(u)
     at = row * H.shape[1]
     clear(out, i)
@@ -87,5 +87,5 @@ def add_to_port(step, tangent, out, port, v, at, D, j, apart):  # type: ignore[n
     width, P = M.shape[1], step.H.shape[1] - n - m
     column = n + 2 * m + port
     combine(out, n, False, M, column, width, P, D, j, 0, apart, 2)
-    if tangent.moving and (v[at] != 0.0 or v[at + apart] != 0.0):
+    if tangent.M_varies and (v[at] != 0.0 or v[at + apart] != 0.0):
         combine(out, n, False, v, at, 0, apart, tangent.M, column, width, P, 2)

@@ -67,5 +67,5 @@ class Predictor(Protocol):
         ...
 
     def stepper(self, mode: str) -> Stepper:
-        """Start a run, live, that gives the very digits of the method of that name."""
+        """Start a live run: until it diverges, it gives the digits of the method of that name."""
         ...

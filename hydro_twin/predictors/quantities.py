@@ -5,7 +5,7 @@ import numpy as np
 
 from hydro_twin.arrays import FloatArray
 from hydro_twin.effects.effect import ADDED
-from hydro_twin.predictors.system import signal_row, System
+from hydro_twin.predictors.system import System
 
 
 def quantities_of(system: System, width: int) -> tuple[tuple[str, ...], FloatArray]:
@@ -22,7 +22,7 @@ def quantities_of(system: System, width: int) -> tuple[tuple[str, ...], FloatArr
     step, plant = system.step, system.plant
     n, columns = len(system.laws.A), step.H.shape[1]
     names, rows = list(plant.states), list(np.eye(n, width + columns - n))
-    beside = np.ones(columns)               # what is not at work is not written either
+    beside = np.ones(columns)               # d of a port without effects is never written
     beside[columns - len(plant.ports):] = 0.0
     beside[columns - len(plant.ports) + step.active] = 1.0
     for e, (placed, entry) in enumerate(zip(system.placed, step.effects, strict=True)):
@@ -34,7 +34,7 @@ def quantities_of(system: System, width: int) -> tuple[tuple[str, ...], FloatArr
                 elif isinstance(what, int):
                     row[n + entry['z_begin'] + what] += weight
                 else:
-                    seen = weight * beside * step.H[signal_row(plant, placed, what)]
+                    seen = weight * beside * step.H[plant.signal_row(placed.port, what)]
                     row[:n] += seen[:n]
                     row[width:] += seen[n:]
             name = f'{placed.port.name}_{placed.effect.id}_{quantity.name}'

@@ -75,7 +75,7 @@ class Recurrent(Network):
         return np.zeros((4, int(self.sizes[1])))
 
     def predict(self, regressors: FloatArray, scratch: FloatArray) -> float:
-        """Predict one sample, and move the state; nan, and no move, where a regressor is."""
+        """Predict one sample and advance the state; at a nan regressor give nan and keep it."""
         if np.isnan(regressors).any():
             return math.nan
         return float(advance(self.sizes, self.weights, self.shift, self.scale, self.output_scale,

@@ -18,7 +18,7 @@ GROUP = 'hydro_twin.predictors'     # entry points of other packages, each a Kin
 
 @cache
 def kinds() -> dict[str, Kind]:
-    """Return all kinds by name; imported at the first call, when their modules can import this."""
+    """Return all kinds by name, imported at the first call: their modules import this one."""
     return registered('hydro_twin.predictors', Kind, GROUP)
 
 

@@ -114,7 +114,7 @@ def _combine(builder: Any, vectors: Any, out: Any, count: Any, fresh: Any, facto
 
 
 def _function(builder: Any, body: Callable[..., None], kinds: list[Any]) -> Any:
-    """Return the function of a module that does so, of that name; write it where it is missing."""
+    """Return the LLVM function made from `body`; add it to the module where it is missing."""
     name = f'hydro_twin_rows{body.__name__}'
     module = builder.module
     if name not in module.globals:
@@ -138,7 +138,7 @@ def _row(context: Any, builder: Any, kind: Any, array: Any, index: Any) -> tuple
 
 
 def operation(typed: Callable[..., Any]) -> Callable[..., None]:
-    """Make a function that compiled code calls of one that returns its types and generates it."""
+    """Make a numba intrinsic of a function that returns a signature and a code generator."""
     made: Callable[..., None] = intrinsic(typed)
     return made
 
@@ -154,7 +154,7 @@ def clear(_typing, out, _i):  # type: ignore[no-untyped-def]
 
 
 def _two_rows(body: Callable[..., None]) -> Callable[..., Any]:
-    """Generate the call of what has a row, a factor and another row."""
+    """Generate a call with an output row, a factor and an input row."""
     def generate(context, builder, signature, args):  # type: ignore[no-untyped-def]
         out, i, factor, rows, j = args
         to, vectors = _row(context, builder, signature.args[0], out, i)

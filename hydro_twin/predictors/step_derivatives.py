@@ -112,7 +112,7 @@ def advance(step, tangent, x, z, work, rows, g, inputs, k):  # type: ignore[no-u
                 value += M[i, n + j] * begin[j] + M[i, n + m + j] * end[j]
             linear[i] = value
         combine(L, n, True, M, 0, width, 1, X, 0, 0, 1, n)
-        if tangent.moving:
+        if tangent.M_varies:
             combine(L, n, False, v, 0, 0, 1, dM, 0, width, 1, at)
         for j in tangent.shifts:
             combine(L, n, False, M, n + j, width, m, U, j, 0, m, 2)
@@ -200,7 +200,7 @@ def output(  # type: ignore[no-untyped-def]
     found = everywhere
     for j in step.active:
         found = (found or j == P - 1 or step.H[P - 1, n + m + j] != 0.0
-                 or tangent.moves[P - 1, n + m + j])
+                 or tangent.H_varies[P - 1, n + m + j])
     if found:
         z_next = work[6, :W]
         for i in range(W):
@@ -226,7 +226,7 @@ def read_sensor(step, tangent, row, x, z, work, rows, dy):  # type: ignore[no-un
             column = n + m + step.effects[e].port
             if step.H[row, column] != 0.0:
                 add(spare, BEFORE, step.H[row, column], Z, kept + e)
-            if tangent.moves[row, column]:
+            if tangent.H_varies[row, column]:
                 add(spare, BEFORE, z[kept + e], tangent.H, row * step.H.shape[1] + column)
     for q in range(len(dy)):
         dy[q] = spare[BEFORE, q // WIDTH, q % WIDTH]

@@ -32,7 +32,8 @@ class System:
     Attributes:
         laws: the linear laws that it comes from.
         step: what the kernel takes.
-        memory: how many numbers the effects keep, and one more for each.
+        memory: how many numbers z holds: the memory of all effects, then one number for each, what
+            it added last, if it is implicit.
         placed: the effects in the order of the step.
         begins: of each effect in the order given, where its parameters begin; -1: it has no law.
         values: parameters and constants by name.
@@ -95,7 +96,7 @@ class System:
             yield len(self.earlier), first, samples
 
     def work(self) -> FloatArray:
-        """Allocate the scratch of a step: eight rows, none longer than one of M."""
+        """Allocate the scratch of a step: eight rows, as long as one of M and as the memory."""
         return np.zeros((8, max(self.step.M.shape[1], self.memory)))
 
     def start(self, inputs: FloatArray, output: float) -> FloatArray:
@@ -292,7 +293,7 @@ def assemble(plant: Plant, values: Mapping[str, float], effects: Sequence[Placed
                if (course := placed.effect.course) is not None]
     if not courses:
         return now
-    begins, ends = zip(*(course.span(drift) for course, drift in courses), strict=True)
+    begins, ends = zip(*(course.interval(drift) for course, drift in courses), strict=True)
     change = sum(abs(math.log(course.factor(drift, begin)))
                  for (course, drift), begin in zip(courses, begins, strict=True))
     # A power of two, so that the number seldom changes while a rate is searched.
@@ -350,7 +351,7 @@ def _assemble(plant: Plant, values: Mapping[str, float], effects: Sequence[Place
     p: list[float] = []
     memory = 0
     for placed in at_port:
-        signals = [signal_row(plant, placed, name) for name in placed.effect.reads]
+        signals = [plant.signal_row(placed.port, name) for name in placed.effect.reads]
         signals = [*signals, -1, -1][:2]
         kept = placed.effect.memory
         entries.append((code(placed.effect), plant.ports.index(placed.port), *signals,
@@ -380,11 +381,3 @@ def port_rows(laws: Laws) -> FloatArray:
         np.concatenate(rows, axis=-1) for rows in (
             [laws.port_x, laws.port_u, laws.port_d], [laws.signal_x, laws.signal_u, laws.signal_d],
             [laws.sensor_x, laws.sensor_u, laws.sensor_d])], axis=-2))
-
-
-def signal_row(plant: Plant, placed: Placed, name: str) -> int:
-    """Find the row of H for a signal at the port of an effect, or for the port's own value."""
-    if name == 'value':
-        return plant.ports.index(placed.port)
-    before = sum(len(port.signals) for port in plant.ports[:plant.ports.index(placed.port)])
-    return len(plant.ports) + before + list(placed.port.signals).index(name)

@@ -27,19 +27,19 @@ class Tangent(NamedTuple):
 
     Attributes:
         rows: those of `TangentRows`, one after another.
-        moves: which elements of H depend on an unknown, in the shape of H.
+        H_varies: which elements of H depend on an unknown, in the shape of H.
         shifts: indices of the inputs whose delay depends on an unknown.
         compliance: how far the first signal of each implicit effect rises for a unit added, (K,).
-        moving: whether M depends on an unknown.
+        M_varies: whether M depends on an unknown.
         rest: the first of K columns for the residuals of the linearised laws, where the columns
             are those of a covariance root; -1 where they are plain derivatives.
     """
 
     rows: FloatArray
-    moves: npt.NDArray[np.bool_]
+    H_varies: npt.NDArray[np.bool_]
     shifts: npt.NDArray[np.int64]
     compliance: FloatArray
-    moving: bool
+    M_varies: bool
     rest: int
 
 
@@ -58,10 +58,10 @@ class TangentRows(NamedTuple):
     p: FloatArray
     shift: FloatArray
     d_compliance: FloatArray
-    moves: npt.NDArray[np.bool_]
+    H_varies: npt.NDArray[np.bool_]
     shifts: npt.NDArray[np.int64]
     compliance: FloatArray
-    moving: bool
+    M_varies: bool
     rest: int
 
 
@@ -74,8 +74,8 @@ def split_rows(step, tangent):  # type: ignore[no-untyped-def]
     compliance = shift + len(step.shift)
     rows = tangent.rows
     return TangentRows(rows[:H], rows[H:p], rows[p:shift], rows[shift:compliance],
-                       rows[compliance:], tangent.moves, tangent.shifts, tangent.compliance,
-                       tangent.moving, tangent.rest)
+                       rows[compliance:], tangent.H_varies, tangent.shifts, tangent.compliance,
+                       tangent.M_varies, tangent.rest)
 
 
 @dataclass(frozen=True)
@@ -101,7 +101,7 @@ class Directions:
 NONE = Directions()
 
 
-def moves_of(system: System, names: Sequence[str]) -> FloatArray:
+def matrix_derivatives(system: System, names: Sequence[str]) -> FloatArray:
     """Differentiate M and H, one above the other, by parameters, each in its own unit, (Q, ...).
 
     The rows of H are padded to the width of M.
@@ -142,13 +142,13 @@ def tangent_of(system: System, by: Directions) -> Tangent:
 
 
 def _moves_at(stages: Sequence[System], names: Sequence[str]) -> FloatArray:
-    """Differentiate M and H of K stages, see `moves_of`, (K, Q, ...).
+    """Differentiate M and H of K stages, see `matrix_derivatives`, (K, Q, ...).
 
     The matrices go smoothly with a parameter that drifts, so that their derivatives are taken at
     up to `NODES` of its values and interpolated.
     """
     if len(stages) == 1:
-        return moves_of(stages[0], names)[None]
+        return matrix_derivatives(stages[0], names)[None]
     way = np.cumsum([0.0, *(max(abs(math.log(then / now)) for now, then in zip(
         before.values.values(), after.values.values(), strict=True))
         for before, after in pairwise(stages))])
@@ -156,7 +156,7 @@ def _moves_at(stages: Sequence[System], names: Sequence[str]) -> FloatArray:
     nodes = np.unique(np.searchsorted(way, np.linspace(0.0, way[-1], count)))
     shares = np.column_stack([np.interp(way, way[nodes], row) for row in np.eye(len(nodes))])
     found: FloatArray = np.tensordot(
-        shares, np.stack([moves_of(stages[k], names) for k in nodes]), 1)
+        shares, np.stack([matrix_derivatives(stages[k], names) for k in nodes]), 1)
     return found
 
 

@@ -93,7 +93,8 @@ def sentence(result: TraceResult) -> str:
     falls = (f'the {error} on data it was not fitted to falls from {_short(test[0])} to '
              f'{_short(test[1])}{unit}')
     if result.verdict == 'nothing_missing':
-        leaves = (f'the linear model leaves {_short(test[0])}{unit} on data it was not fitted to, '
+        model = 'model it started from' if result.before.effects else 'linear model'
+        leaves = (f'the {model} leaves {_short(test[0])}{unit} on data it was not fitted to, '
                   f'and no effect earns its place there')
         if result.nothing > EVEN:
             return f'Nothing is missing: {leaves}.'
@@ -149,7 +150,7 @@ def _named(effect: NamedEffect, model: Model) -> str:
 
 def _changes(placed: Placed, course: Course, model: Model) -> str:
     """Say from what to what a parameter drifts, and when."""
-    begin, end = course.span(placed.values)
+    begin, end = course.interval(placed.values)
     last = model.values[placed.port.name]
     first = last * course.factor(placed.values, begin)
     idle = placed.named['idle']

@@ -16,6 +16,8 @@ from hydro_twin.simulation.simulate import Excitation
 
 RISE = 0.1                                  # [s] in which what would start abruptly is let in
 KNOTS = 20                                  # of random motion, for a period of its bandwidth
+ORDERED = (('lowest', 'highest'), ('shortest', 'longest'))      # settings, as they are ordered
+LEAST = 1e-6                                # of the largest value of a shape: less is none
 
 
 @dataclass(frozen=True)
@@ -42,6 +44,8 @@ def multisine(run: Run, lowest: float = 0.2, highest: float = 10.0, lines: float
 
 def chirp(run: Run, first: float = 0.2, last: float = 15.0) -> Excitation:
     """Make a sinusoid whose frequency rises exponentially over the run [Hz]."""
+    if first == last:
+        return sine(run, first)
     rate = np.log(last / first) / run.duration
     return lambda t: np.sin(2 * np.pi * first / rate * np.expm1(rate * t))
 
@@ -94,12 +98,14 @@ def parse(text: str) -> Spec:
     """Read KIND:NAME=VALUE,...; every kind takes an amplitude and an offset too.
 
     Raises:
-        UserError: no such kind, no such setting of it, or a value that is no number above zero.
+        UserError: no such kind, no such setting of it, a value that is no number above zero, or
+            a range that is empty.
     """
     kind, _, rest = text.partition(':')
     if kind not in KINDS:
         raise UserError(f'no excitation {kind!r}; there are {", ".join(KINDS)}')
-    known = [*inspect.signature(KINDS[kind]).parameters][1:]
+    _, *parameters = inspect.signature(KINDS[kind]).parameters.values()
+    known = [parameter.name for parameter in parameters]
     settings = settings_of(text, rest)
     if not np.isfinite(list(settings.values())).all():
         raise UserError(f'excitation {text!r}: every value must be finite')
@@ -110,6 +116,13 @@ def parse(text: str) -> Spec:
                             f'{", ".join([*known, "amplitude", "offset"])}')
         if value <= 0:
             raise UserError(f'excitation {text!r}: {name} must be above zero')
+    used = {parameter.name: parameter.default for parameter in parameters} | settings
+    if used.get('lines', 1) < 1:
+        raise UserError(f'excitation {text!r}: lines must be 1 at least')
+    for low, high in ORDERED:
+        if low in used and used[low] > used[high]:
+            raise UserError(f'excitation {text!r}: {low}, {used[low]:g}, must not be above '
+                            f'{high}, {used[high]:g}')
     return Spec(kind, settings, amplitude, offset)
 
 
@@ -166,12 +179,19 @@ def make(spec: Spec, run: Run, laws: Laws, column: int, largest: float, sample_t
         sample_time: of the series [s].
         middle: output about which that is, in its unit; where the user gives neither amplitude
             nor offset, the input has the offset that holds it.
+
+    Raises:
+        UserError: hardly more than zero is left of it at the samples.
     """
     shape = KINDS[spec.kind](run, **spec.settings)
     amplitude, offset = spec.amplitude, spec.offset or 0.0
     if amplitude is None:
         t = sample_time * np.arange(round(run.duration / sample_time), dtype=np.float64)
-        _, y, _ = lsim((laws.A, laws.B[:, [column]], laws.C, laws.D[:, [column]]), shape(t), t)
+        u = shape(t)
+        if not np.abs(u).max() > LEAST:
+            raise UserError(f'excitation {spec.kind}: at samples {sample_time:g} s apart, over '
+                            f'{run.duration:g} s, hardly more than zero is left of it')
+        _, y, _ = lsim((laws.A, laws.B[:, [column]], laws.C, laws.D[:, [column]]), u, t)
         amplitude = largest / np.abs(y).max()
         if middle:          # the range of the output is that of the input, at rest
             gain = laws.D[0, column] - laws.C[0] @ np.linalg.solve(laws.A, laws.B[:, column])

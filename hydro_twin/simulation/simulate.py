@@ -7,7 +7,9 @@ import numpy as np
 import numpy.typing as npt
 
 from hydro_twin.arrays import FloatArray
-from hydro_twin.effects import EFFECTS, Placed
+from hydro_twin.effects import Placed
+from hydro_twin.effects.dispatch import code
+from hydro_twin.errors import UserError
 from hydro_twin.plants.plant import Laws, Plant
 from hydro_twin.recording.series import Series
 from hydro_twin.simulation.integrator import integrate
@@ -15,7 +17,7 @@ from hydro_twin.simulation.integrator import integrate
 Excitation = Callable[[FloatArray], FloatArray]     # times [s] -> values of one input
 
 LONGEST_STEP = 0.0125   # of the plant's sample time: 25 us at 2 ms, which resolves a stiff effect
-USUAL = 0.002                               # [s], below which no step needs to be shorter still
+USUAL = 0.002                               # [s]: a plant sampled faster needs no shorter steps
 FASTEST = 0.05                              # step times fastest pole of the linear laws, at most
 BLOCK = 500                                 # samples integrated at once
 
@@ -39,8 +41,15 @@ def simulate(plant: Plant, values: Mapping[str, float], effects: Sequence[Placed
         tick: called after every `BLOCK` samples.
         sample_time: of the series [s]; by default the plant's own.
         sensors: what else is measured, of those that the plant declares.
+
+    Raises:
+        UserError: the duration is shorter than a sample, or an effect is a drift.
     """
     T = sample_time or plant.sample_time
+    if not round(duration / T) > 0:
+        raise UserError(f'a duration of {duration:g} s is shorter than a sample, {T:g} s')
+    if any(placed.effect.course for placed in effects):
+        raise UserError('a drift cannot be simulated: parameters are constant here')
     laws = plant.laws(values)
     rows = [[sensor.name for sensor in plant.sensors].index(name) for name in sensors]
     count = round(duration / T)
@@ -49,23 +58,24 @@ def simulate(plant: Plant, values: Mapping[str, float], effects: Sequence[Placed
     steps = int(np.ceil(T / longest))
     h = T / steps
     table, p, memory = _tables(plant, effects)
-    moves = np.hstack([laws.A, laws.B, laws.E])
-    seen = (np.hstack([laws.port_x, laws.port_u, laws.port_d]),
-            np.hstack([laws.signal_x, laws.signal_u, laws.signal_d]),
-            np.hstack([laws.sensor_x, laws.sensor_u, laws.sensor_d])[rows])
-    gain = np.zeros((len(plant.ports), moves.shape[1]))
+    rate_rows = np.hstack([laws.A, laws.B, laws.E])
+    at_ports = np.hstack([laws.port_x, laws.port_u, laws.port_d])
+    signals = np.hstack([laws.signal_x, laws.signal_u, laws.signal_d])
+    observed = (at_ports, np.vstack([at_ports, signals]),
+                np.hstack([laws.sensor_x, laws.sensor_u, laws.sensor_d])[rows])
+    gain = np.zeros((len(plant.ports), rate_rows.shape[1]))
     gain[:, :plant.order] = _response(laws, h).T
     x, z = np.zeros(plant.order), np.zeros(memory)
     y = np.empty((count, 1 + len(rows)))
-    work = np.zeros((7, max(moves.shape[1], memory)))
+    work = np.zeros((7, max(rate_rows.shape[1], memory)))
     # A step of no length evaluates the output at the start, where nothing has moved yet.
     at_start = np.array([[[inputs[s.name](np.zeros(1))[0] for s in plant.inputs]] * 3])
-    integrate(moves, seen, table, p, 0.0, 0.0 * gain, x, z, at_start, 1, y[:1], work)
+    integrate(rate_rows, observed, table, p, 0.0, 0.0 * gain, x, z, at_start, 1, y[:1], work)
     for k in range(0, count - 1, BLOCK):
         samples = min(BLOCK, count - 1 - k)
         fine = _fine(plant, effects, inputs, T, k, samples, steps)
-        integrate(moves, seen, table, p, h, gain, x, z, fine, steps, y[k + 1:k + 1 + samples],
-                  work)
+        integrate(rate_rows, observed, table, p, h, gain, x, z, fine, steps,
+                  y[k + 1:k + 1 + samples], work)
         tick()
     time = T * np.arange(count, dtype=np.float64)
     columns = {signal.name: inputs[signal.name](time) for signal in plant.inputs}
@@ -99,10 +109,8 @@ def _tables(plant: Plant, effects: Sequence[Placed]
     for placed in effects:
         if placed.effect.law is None:
             continue
-        port = plant.ports.index(placed.port)
-        before = sum(len(other.signals) for other in plant.ports[:port])
-        signals = [before + list(placed.port.signals).index(name) for name in placed.effect.reads]
-        rows.append([EFFECTS.index(placed.effect), port, *[*signals, 0, 0][:2],
+        signals = [plant.signal_row(placed.port, name) for name in placed.effect.reads]
+        rows.append([code(placed.effect), plant.ports.index(placed.port), *[*signals, -1, -1][:2],
                      len(p), len(p) + len(placed.values),
                      memory, memory + placed.effect.memory, placed.effect.implicit])
         p += placed.values

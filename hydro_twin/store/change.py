@@ -61,6 +61,13 @@ def change(before: Model, after: Model) -> Change:
     A parameter has moved where its difference is beyond what errors explain: a two-sided z-test
     on the standard errors that both files state, at `CHANCE` for all parameters together
     (Bonferroni). One without an error in either file is not tested.
+
+    Args:
+        before: the older model.
+        after: the newer one.
+
+    Returns:
+        What moved, appeared and went, and a sentence of it.
     """
     ours, theirs = _effects(before), _effects(after)
     pairs = [(name, one, theirs_too) for name, one in parameters(before).items()
@@ -98,7 +105,8 @@ def effect_values(model: Model, index: int) -> dict[str, Value]:
 
 def name_of(placed: Placed) -> str:
     """Name an effect with its port, as 'coupling backlash'."""
-    kind = f'curve over {placed.effect.reads[0]}' if not placed.effect.named else placed.effect.id
+    kind = (placed.effect.id if placed.effect.explains else
+            f'curve over {placed.effect.reads[0]}')
     return f'{placed.port.name} {kind}'.replace('_', ' ')
 
 
@@ -123,7 +131,7 @@ def _z(before: Value, after: Value) -> float:
 
 def _described(model: Model, index: int) -> str:
     placed, values = model.effects[index], effect_values(model, index)
-    if not placed.effect.named:
+    if not placed.effect.explains:
         return name_of(placed)
     given = ', '.join(f'{label.partition(" of the ")[0] + " " if " of the " in label else ""}'
                       f'{quantity(one.value, one.unit)}' for label, one in values.items())

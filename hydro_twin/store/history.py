@@ -99,7 +99,7 @@ def courses(versions: Sequence[Version]) -> list[Course]:
             continue
         values: dict[str, Value] = dict(parameters(model))
         for k, placed in enumerate(model.effects):
-            if placed.effect.named:
+            if placed.effect.explains:
                 values |= effect_values(model, k)
         days = (entered(version) - begin).total_seconds() / DAY
         for name, value in values.items():

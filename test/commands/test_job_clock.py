@@ -13,7 +13,7 @@ from hydro_twin.live.twin import Twin
 from hydro_twin.live.writer import Writer
 from hydro_twin.model import Model, place, read_model, write_model
 from hydro_twin.plants import PLANTS
-from hydro_twin.predictors.network import Network, save_network
+from hydro_twin.predictors.network import Network, network_bytes
 from hydro_twin.recording.series import Recording, Series
 from hydro_twin.recording.signals import load_signals
 from hydro_twin.recording.write import write_recording
@@ -168,8 +168,8 @@ def test_bags_of_several_rates_share_the_clock_of_the_slowest(bags, tmp_path, ca
 @pytest.mark.parametrize('kind', ['mlp', 'hybrid'])
 def test_a_network_runs_at_its_own_clock_only(bags, model, tmp_path, capsys, kind):
     path = tmp_path / 'network.yaml'
-    save_network(Network(np.array([5, 1]), np.zeros(6), np.zeros(5), np.ones(5), 1.0, 1e3),
-                 tmp_path / 'network.safetensors')
+    network = Network(np.array([5, 1]), np.zeros(6), np.zeros(5), np.ones(5), 1.0, 1e3)
+    (tmp_path / 'network.safetensors').write_bytes(network_bytes(network))
     write_model(replace(read_model(model), sample_time=0.004, kind=kind,
                         network='network.safetensors'), path)
     status, result, _ = verb(capsys, 'replay', bags[1], '--model', path)

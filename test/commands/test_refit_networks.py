@@ -30,7 +30,7 @@ def test_an_mlp_of_the_structure_asked_for(
     assert refit(tmp_path / 'm.yaml', '--predictor', 'mlp', '--hidden', '6,5') == 0
     result = json.loads(capsys.readouterr().out)
     assert result['hidden'] == [6, 5]
-    assert load_network(tmp_path / 'm.safetensors').hidden == (6, 5)
+    assert load_network(tmp_path / 'm.safetensors').sizes[1:-1].tolist() == [6, 5]
     assert np.isfinite(result['test']['one_step'])
     assert main(['replay', str(RIG), '--model', str(tmp_path / 'm.yaml'), '--json']) == 0
     replayed = json.loads(capsys.readouterr().out)['one_step']['rmse']

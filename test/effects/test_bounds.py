@@ -8,7 +8,7 @@ import sys
 import pytest
 
 from hydro_twin.effects import EFFECTS, Placed
-from hydro_twin.effects.curve import over
+from hydro_twin.effects.curve import of_kind
 from hydro_twin.plants import PLANTS
 
 HERE = Path(__file__).parent
@@ -27,13 +27,14 @@ def test_an_effect_takes_as_many_values_as_it_has_parameters(values):
 
 def test_an_effect_sits_where_its_signals_are():
     with pytest.raises(ValueError, match='reads the twist, of which the motor has none'):
-        Placed(over(MOTOR, 'twist'), MOTOR, (0.0,) * 11)
-    Placed(over(MOTOR, 'value'), MOTOR, (0.0,) * 11)
+        Placed(of_kind(MOTOR.kind, 'twist'), MOTOR, (0.0,) * 11)
+    Placed(of_kind(MOTOR.kind, 'value'), MOTOR, (0.0,) * 11)
 
 
-def test_a_law_reads_two_signals_at_most():
-    with pytest.raises(AssertionError, match='two signals at most'):
-        replace(FRICTION, reads=('velocity', 'position', 'value'))
+@pytest.mark.parametrize('reads', [('velocity', 'position', 'value'), ()])
+def test_a_law_reads_two_signals_at_most_and_an_implicit_one_at_least_one(reads):
+    with pytest.raises(ValueError, match='two signals at most, an implicit one at least one'):
+        replace(FRICTION, reads=reads)
 
 
 def checked(*arguments, cache):

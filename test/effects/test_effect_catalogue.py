@@ -198,3 +198,12 @@ def test_a_soft_rate_limit_is_told_from_a_falling_gain_only_where_it_is_reached(
     assert not rate_limit.distinguishable(span, (0.7, 0.0, 0.4))
     assert not rate_limit.distinguishable(span, (0.35, 0.0, 0.45))   # as orifice flow is
     assert rate_limit.distinguishable(span, (0.7, -0.65, 0.3))       # upwards only
+
+
+def test_friction_without_a_position_is_refined_without_bristles():
+    effect = next(effect for effect in EFFECTS if effect.id == 'friction')
+    span = Span(((-1.0, 1.0),), {'velocity': 1.0}, {'velocity': 2.0}, (-1.0, 1.0), 0.002, 100)
+    stiffness = [p.name for p in effect.parameters].index('bristle_stiffness')
+    starts = effect.refined(span, (1.0, 0.0, 1.0, math.inf, 0.0))
+    assert starts
+    assert all(math.isinf(values[stiffness]) for values in starts)

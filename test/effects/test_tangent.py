@@ -90,5 +90,49 @@ def test_a_law_that_is_not_understood_is_refused():
         law_tangent(law, 'tangent')
 
 
+SCALE = np.sqrt(2.0)
+
+
+@compiled
+def total(numbers):
+    return numbers[0] + numbers[1]
+
+
+@compiled
+def half(number):
+    return 0.5 * number
+
+
+def over_all(v, s, p, z, h, c, z_next):
+    value = v
+    for i in range(len(p)):
+        value += p[i]
+    return value
+
+
+def by_helper(v, s, p, z, h, c, z_next):
+    return v + total(p)
+
+
+def of_the_step(v, s, p, z, h, c, z_next):
+    return v * half(h)
+
+
+@pytest.mark.parametrize('law', [over_all, by_helper, of_the_step])
+def test_what_generated_code_cannot_follow_or_does_not_know_is_refused(law):
+    """An index that a loop moves, an array given away, a function that is not written out."""
+    with pytest.raises(NoTangent):
+        law_tangent(law, 'tangent')
+
+
+def test_a_constant_of_numpy_is_written_as_a_number():
+    def law(v, s, p, z, h, c, z_next):
+        return SCALE * v
+
+    _, _, partial = evaluate(generated(law_tangent(law, 'tangent')), 3.0, np.zeros(2),
+                             np.zeros(0), np.zeros(0), 0.0, 0.0)
+    assert partial[0, 0] == math.sqrt(2.0)
+
+
 def test_a_bias_is_as_simple_as_it_gets():
     assert law_tangent(bias.law, 'tangent').count('partial_[0') == 2

@@ -17,7 +17,7 @@ from hydro_twin.inference.select import (
 from hydro_twin.inference.starts import relocated
 from hydro_twin.inference.stepwise import best_interpolation
 from hydro_twin.model import place
-from hydro_twin.predictors.system import LINEAR, signal_row
+from hydro_twin.predictors.system import LINEAR
 
 STRIBECK = ('friction', 'motor', {'coulomb': 6.0, 'stribeck': 4.0, 'stribeck_velocity': 0.02})
 BIAS = ('bias', 'motor', {'offset': 2.0})
@@ -123,8 +123,9 @@ def test_an_orifice_is_found_that_is_much_weaker_than_any_start():
 def test_a_ripple_is_found_in_less_than_half_a_period_of_it():
     waves = {'cosine': 4.0, 'sine': -2.0, 'periods': 30.0}
     alone, parts, _ = fitted(record(('ripple', 'motor', waves), noise=0.1))
-    angle = np.concatenate(simulate_port_signals(alone.candidate, parts))[:, signal_row(
-        PLANT, place('ripple', 'motor', waves, PLANT), 'position')]
+    ripple = place('ripple', 'motor', waves, PLANT)
+    angle = np.concatenate(simulate_port_signals(alone.candidate, parts))[
+        :, PLANT.signal_row(ripple.port, 'position')]
     assert 0.1 < np.ptp(angle) * waves['periods'] / (2.0 * np.pi) < 0.4
     first, second, *_ = fit_alternatives(alone, parts, (0.0, 1.0), 8, True)
     assert first.id == 'ripple'

@@ -3,7 +3,7 @@ import pytest
 from scipy import signal
 
 from hydro_twin.plants import PLANTS
-from hydro_twin.plants.difference_equation import bilinear, characteristic, from_state_space
+from hydro_twin.plants.difference_equation import bilinear, from_state_space
 
 VECTOR = {'V_m': 1.75e-4, 'J': 5.5e-2, 'K_p': 1.75e-2, 'K_q': 1.35, 'G': 1.1e4, 'K_ce': 5.5e-12,
           'B_m': 55.0, 'K_sv': 1.15e-4, 'beta_e': 7e8, 'D_m': 2e-5}
@@ -41,9 +41,3 @@ def test_eliminates_the_states():
     num, den = signal.ss2tf(Phi, Gamma, C, D)
     np.testing.assert_allclose([1.0, *equation.a], den)
     np.testing.assert_allclose(equation.b[:, 0], num[0])
-
-
-def test_characteristic_is_that_of_the_exact_discrete_system():
-    laws = PLANTS['load_simulator'].laws(VECTOR)
-    exact = signal.cont2discrete((laws.A, laws.B, laws.C, laws.D), 0.002, 'zoh')[0]
-    np.testing.assert_allclose(characteristic(laws, 0.002), np.poly(exact)[1:], rtol=1e-7)

@@ -153,7 +153,9 @@ def test_a_set_of_parameters_that_is_not_the_plants_is_refused():
 
 @pytest.mark.parametrize('ports', [
     lambda ports: ports[1:], lambda ports: (*ports, ports[-1]), lambda ports: ports[::-1],
-    lambda ports: (ports[0], replace(ports[1], signals={}), ports[2])])
+    lambda ports: (ports[0], replace(ports[1], signals={}), ports[2]),
+    lambda ports: (ports[0], replace(ports[1], signals={
+        f'{name} of it': unit for name, unit in ports[1].signals.items()}), ports[2])])
 def test_equations_that_do_not_fit_the_declared_ports_are_refused(ports):
     plant = PLANTS['positioning']
     with pytest.raises(ModelError, match='declared'):
@@ -205,3 +207,17 @@ def test_a_parameter_given_as_a_constant_is_told_how_to_hold_it():
 def test_an_unknown_plant_is_refused_with_those_there_are():
     with pytest.raises(UserError, match=', '.join(sorted(PLANTS))):
         plant_named('servo')
+
+
+def test_a_plant_of_one_integrator_integrates():
+    def equations(p, x, u, port):
+        speed = p.K_v * port('command', u.command)
+        port('sensor', x.x)
+        return {'x': speed}
+
+    cylinder = PLANTS['cylinder']
+    plant = replace(
+        cylinder, equations=equations, states=('x',), sensors=(), at_rest=(),
+        parameters=tuple(p for p in cylinder.parameters if p.name == 'K_v'),
+        ports=tuple(p for p in cylinder.ports if p.name in ('command', 'sensor')))
+    assert plant.integrates

@@ -13,7 +13,7 @@ from hydro_twin.model import load_predictor, Model, place, write_model
 from hydro_twin.plants.load_simulator import LOAD_SIMULATOR
 from hydro_twin.plants.positioning import POSITIONING
 from hydro_twin.predictors.analytical import Analytical
-from hydro_twin.predictors.network import Network, save_network
+from hydro_twin.predictors.network import Network, network_bytes
 from hydro_twin.predictors.network_predictor import NetworkPredictor
 from hydro_twin.recording.series import Series
 
@@ -124,7 +124,7 @@ def test_a_diverging_free_run_stops_and_says_so(caplog: pytest.LogCaptureFixture
 
 @pytest.mark.parametrize('kind', ['mlp', 'hybrid'])
 def test_survives_its_files(tmp_path: Path, kind: str) -> None:
-    save_network(network(), tmp_path / 'net.safetensors')
+    (tmp_path / 'net.safetensors').write_bytes(network_bytes(network()))
     write_model(model(kind, network='net.safetensors'), tmp_path / 'model.yaml')
     loaded = load_predictor(tmp_path / 'model.yaml')
     np.testing.assert_array_equal(

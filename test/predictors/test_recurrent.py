@@ -11,7 +11,7 @@ import pytest
 from hydro_twin.errors import ModelError
 from hydro_twin.model import load_predictor, Model, write_model
 from hydro_twin.plants.load_simulator import LOAD_SIMULATOR
-from hydro_twin.predictors.network import Network, save_network
+from hydro_twin.predictors.network import Network, network_bytes
 from hydro_twin.predictors.network_predictor import load_network, NetworkPredictor
 from hydro_twin.predictors.recurrent import Recurrent
 from hydro_twin.recording.series import Series
@@ -122,7 +122,7 @@ def test_a_free_run_uses_the_first_sample_only() -> None:
 
 
 def test_survives_its_file(tmp_path: Path) -> None:
-    save_network(make(), tmp_path / 'net.safetensors')
+    (tmp_path / 'net.safetensors').write_bytes(network_bytes(make()))
     loaded = load_network(tmp_path / 'net.safetensors')
     assert isinstance(loaded, Recurrent)
     rows = np.random.default_rng(5).normal(size=(9, R))
@@ -138,7 +138,7 @@ def test_the_live_twin_compiles_it_before_it_runs_it(
 ) -> None:
     from hydro_twin.live.models import choices, load_twin
     from hydro_twin.predictors import recurrent
-    save_network(make(), tmp_path / 'net.safetensors')
+    (tmp_path / 'net.safetensors').write_bytes(network_bytes(make()))
     write_model(MODEL, tmp_path / 'model.yaml')
     steps, advance = [], recurrent.advance
     monkeypatch.setattr(recurrent, 'advance', lambda *a: steps.append(0) or advance(*a))

@@ -73,7 +73,20 @@ def test_offset_is_added():
     ('sine:frequency=0', 'frequency must be above zero'),
     ('sine:frequency=nan', 'must be finite'),
     ('sine:amplitude=inf', 'must be finite'),
+    ('steps:shortest=1', 'shortest, 1, must not be above longest, 0.5'),
+    ('multisine:lowest=20', 'lowest, 20, must not be above highest, 10'),
+    ('multisine:lines=0.5', 'lines must be 1 at least'),
 ])
 def test_what_is_not_an_excitation_is_refused(text, says):
     with pytest.raises(UserError, match=says):
         parse(text)
+
+
+def test_a_chirp_between_equal_frequencies_is_a_sine():
+    np.testing.assert_allclose(made('chirp:first=3,last=3,amplitude=1')(T),
+                               np.sin(2 * np.pi * 3 * T), atol=1e-12)
+
+
+def test_a_sine_that_is_zero_at_every_sample_is_refused():
+    with pytest.raises(UserError, match=r'samples 0\.002 s apart'):
+        made('sine:frequency=500')

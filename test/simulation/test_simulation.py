@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 
+from hydro_twin.errors import UserError
 from hydro_twin.model import Model, place
 from hydro_twin.plants import PLANTS
 from hydro_twin.predictors.analytical import Analytical
@@ -192,3 +193,11 @@ def test_every_plant_can_be_simulated_and_replayed(name):
     # Held inputs leave nothing to chance; what moves between the samples does.
     held = all(signal.held for signal in plant.inputs)
     assert np.abs(error).max() < (1e-7 if held else 2e-3) * size
+
+
+def test_a_drift_and_a_run_without_a_sample_are_refused():
+    drift = [('drift', 'beta_e', {'rate': 0.01, 'begin': 1000.0, 'end': 1003.0})]
+    with pytest.raises(UserError, match='a drift cannot be simulated'):
+        rig(drift)
+    with pytest.raises(UserError, match='shorter than a sample'):
+        rig(duration=0.4 * T)
