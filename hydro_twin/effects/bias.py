@@ -13,7 +13,7 @@ def law(v, s, p, z, h, c, z_next):  # type: ignore[no-untyped-def]
 
 def starts(span: Span) -> Starts:
     """Either way."""
-    return [(0.02 * span.magnitude,), (-0.02 * span.magnitude,)]
+    return [(0.02 * span.value,), (-0.02 * span.value,)]
 
 
 EFFECT = Effect(

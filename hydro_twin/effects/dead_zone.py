@@ -25,7 +25,7 @@ def starts(span: Span) -> Starts:
     A little off the middle, so that a search finds edges that differ; alike ones are tried
     afterwards.
     """
-    return [(share * span.magnitude, 0.05 * share * span.magnitude, 0.0)
+    return [(share * span.value, 0.05 * share * span.value, 0.0)
             for share in (0.01, 0.03, 0.08, 0.2, 0.4)]
 
 

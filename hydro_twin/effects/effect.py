@@ -76,7 +76,7 @@ class Span:
         return max(high - low for low, high in self.ranges)
 
     @property
-    def magnitude(self) -> float:
+    def value(self) -> float:
         """Largest magnitude of the port's value."""
         return max(abs(self.low), abs(self.high), 1e-12)
 

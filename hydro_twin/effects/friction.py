@@ -63,7 +63,7 @@ def creeping(free, most, w):  # type: ignore[no-untyped-def]
 
 def starts(span: Span) -> Starts:
     """Sliding force against the largest force seen; breakaway, bristles, creep left out."""
-    return [(share * span.magnitude, 0.0, 1.0, math.inf, 0.0)
+    return [(share * span.value, 0.0, 1.0, math.inf, 0.0)
             for share in (0.003, 0.01, 0.03, 0.1, 0.25, 0.5)]
 
 

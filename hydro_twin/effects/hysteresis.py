@@ -20,7 +20,7 @@ def law(v, s, p, z, h, c, z_next):  # type: ignore[no-untyped-def]
 
 def starts(span: Span) -> Starts:
     """Widths as shares of the largest value."""
-    return [(share * span.magnitude, 1.0) for share in (0.005, 0.02, 0.06, 0.15, 0.35)]
+    return [(share * span.value, 1.0) for share in (0.005, 0.02, 0.06, 0.15, 0.35)]
 
 
 def refined(span: Span, values: tuple[float, ...]) -> Starts:

@@ -23,7 +23,7 @@ def law(v, s, p, z, h, c, z_next):  # type: ignore[no-untyped-def]
 def starts(span: Span) -> Starts:
     """Begin with a share of the largest laminar leakage, turbulent and widening."""
     pressure = max(span.signals['load_pressure'], 1.0) / REFERENCE
-    return [(share * span.magnitude / pressure**exponent, exponent)
+    return [(share * span.value / pressure**exponent, exponent)
             for exponent in (0.5, 2.0, 3.0) for share in (0.1, 0.5)]
 
 

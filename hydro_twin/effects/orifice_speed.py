@@ -21,7 +21,7 @@ def law(v, s, p, z, h, c, z_next):  # type: ignore[no-untyped-def]
 
 def starts(span: Span) -> Starts:
     """Speeds of full load as multiples of the largest speed."""
-    return [(factor * span.magnitude, 0.0) for factor in (0.7, 1.5, 4.0)]
+    return [(factor * span.value, 0.0) for factor in (0.7, 1.5, 4.0)]
 
 
 def refined(span: Span, values: tuple[float, ...]) -> Starts:

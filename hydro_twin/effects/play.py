@@ -15,7 +15,7 @@ def law(v, s, p, z, h, c, z_next):  # type: ignore[no-untyped-def]
 
 def starts(span: Span) -> Starts:
     """Gaps as shares of the largest value."""
-    return [(share * span.magnitude,) for share in (0.002, 0.01, 0.03, 0.1)]
+    return [(share * span.value,) for share in (0.002, 0.01, 0.03, 0.1)]
 
 
 def distinguishable(span: Span, values: tuple[float, ...]) -> bool:

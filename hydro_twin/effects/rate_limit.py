@@ -22,14 +22,14 @@ def starts(span: Span) -> Starts:
 
     A little uneven, so that a search finds limits that differ; alike ones are tried afterwards.
     """
-    return [(share * span.magnitude, 0.05, 0.0) for share in (0.95, 0.8, 0.6, 0.4, 0.25, 0.12)]
+    return [(share * span.value, 0.05, 0.0) for share in (0.95, 0.8, 0.6, 0.4, 0.25, 0.12)]
 
 
 def refined(span: Span, values: tuple[float, ...]) -> Starts:
     """Let one way go free, where the other keeps the limit, or half of it; or soften both."""
     ways = []
     for limit in (values[0], 0.5 * values[0]):
-        mean = 0.5 * (limit + max(span.magnitude, 2.0 * limit))
+        mean = 0.5 * (limit + max(span.value, 2.0 * limit))
         ways += [(mean, 1.0 - limit / mean, 0.0), (mean, limit / mean - 1.0, 0.0)]
     return [*ways, (values[0], values[1], TANH)]
 

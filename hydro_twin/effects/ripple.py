@@ -36,7 +36,7 @@ def starts(span: Span) -> Starts:
     step = min(max(1.0 / travel, 0.5), 6.0)
     parts = [2.0 * math.pi * part / travel for part in PARTS]
     steps = [FIRST + step * k for k in range(int((LAST - FIRST) / step))]
-    small = 0.03 * span.magnitude
+    small = 0.03 * span.value
     return [values for periods in (*(few for few in parts if FIRST <= few < LAST),
                                    *(many for many in steps if _seen(span, many) > PARTS[-1]))
             for values in ((small, 0.0, periods, *NO_HARMONICS),

@@ -20,11 +20,11 @@ def law(v, s, p, z, h, c, z_next):  # type: ignore[no-untyped-def]
 
 def starts(span: Span) -> Starts:
     """Both ends, or either, at shares of the largest value; the other end out of reach."""
-    far = 10.0 * span.magnitude
+    far = 10.0 * span.value
     return [(*limits, 0.0) for share in (0.98, 0.9, 0.75, 0.5, 0.3) for limits in (
-        (-share * span.magnitude, share * span.magnitude),
-        (-far, share * span.magnitude),
-        (-share * span.magnitude, far))]
+        (-share * span.value, share * span.value),
+        (-far, share * span.value),
+        (-share * span.value, far))]
 
 
 def refined(span: Span, values: tuple[float, ...]) -> Starts:

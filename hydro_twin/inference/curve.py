@@ -82,7 +82,7 @@ def find_curve(fit: Fit, parts: Sequence[Part], held_out: Sequence[Part],
     carried = spans(fit.candidate, parts)
 
     def begin(candidate: Model, place: Dependence) -> Model:
-        return _begin(candidate, place, parts, LARGEST * carried[place.port].magnitude)
+        return _begin(candidate, place, parts, LARGEST * carried[place.port].value)
 
     short = search_all([begin(fit.candidate, place) for place in places], parts, SHORT)
     tried = [one for one in sorted(zip(short, places, strict=True), key=lambda one: one[0].cost)

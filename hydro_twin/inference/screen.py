@@ -183,7 +183,7 @@ def undetectable(fit: Fit, parts: Sequence[Part]) -> list[Hidden]:
         if not shown or effect.beyond_reach:
             unit = '' if port.unit == '1' else f' {port.unit}'
             says = effect.excitation if not shown else (
-                f'the {port.name} reached {reach[port].magnitude:.3g}{unit}; '
+                f'the {port.name} reached {reach[port].value:.3g}{unit}; '
                 f'a limit beyond that cannot show')
             found.append(Hidden(effect.id, port.name, says))
     return found

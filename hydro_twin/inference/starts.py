@@ -97,7 +97,7 @@ def relocated(candidate: Model, parts: Sequence[Part]) -> list[Model]:
     moved = []
     for effect, port in places(candidate.plant, others, last.effect.course is not None):
         if effect is last.effect and port != last.port:
-            ratio = reach[port].magnitude / reach[last.port].magnitude
+            ratio = reach[port].value / reach[last.port].value
             values = tuple(v * ratio if p.unit == 'value' else v
                            for p, v in zip(effect.parameters, last.values, strict=True))
             moved.append(replace(candidate, effects=(*others, Placed(effect, port, values))))

@@ -106,7 +106,7 @@ def test_halving_the_step_changes_little(site):
     if effect.refined is not None:
         strengths += [tuple(r) for s in strengths[:4] for r in effect.refined(span, s)]
     if effect.id == 'ripple':               # three periods, however little the motor turns
-        waves = 0.1 * span.magnitude, 0.2 * span.magnitude, 6 * np.pi / span.travel['position']
+        waves = 0.1 * span.value, 0.2 * span.value, 6 * np.pi / span.travel['position']
         strengths = [(*waves, *harmonics) for harmonics in [(0.0,) * 4, waves[:2] * 2]]
     largest = 0.0
     for strength in strengths[::max(1, len(strengths) // 12)]:
