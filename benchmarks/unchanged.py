@@ -86,7 +86,7 @@ def main() -> None:
                     break
             outcomes.append(duel.outcome)
             refused += bool(regimes.worse(Rules().alpha))
-            highest = max(highest, duel.better.value)
+            highest = max(highest, duel.better.e_value)
         results.append({'memory_s': memory, 'judged': len(outcomes),
                         'promoted': outcomes.count('better'), 'worse': outcomes.count('worse'),
                         'worse_in_a_regime': refused,

@@ -109,8 +109,8 @@ class NamedEffect:
         ports: probability of each port at which it may sit, given the effect; its own first.
         other_ports: where it would explain as much.
         rivals: (id, difference in BIC) of other effects in its place, nearest first.
-        given: for which of the plant's parameters, as they stand, its own are stated, by name: the
-            recording does not determine these, and the effect goes with them.
+        given: parameter of the effect -> parameters of the plant that the recording does not
+            determine: the value holds only for these as they stand.
     """
 
     index: int

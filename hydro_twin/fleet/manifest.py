@@ -137,14 +137,22 @@ def _tasks(row: Mapping[str, Any], folder: Path) -> list[Task]:
 
 
 def _bags(given: Any, folder: Path) -> list[Path]:
-    """Find the bags of one or several globs, relative to the manifest."""
+    """Find the bags of one or several globs, relative to the manifest.
+
+    Raises:
+        UserError: one matches nothing, or is no glob.
+    """
     patterns = given if isinstance(given, list) else str(given).split(';')
     found: dict[Path, None] = {}
     for pattern in (str(pattern).strip() for pattern in patterns):
         whole = Path(pattern)
         root, relative = ((Path(whole.anchor), str(whole.relative_to(whole.anchor)))
                           if whole.is_absolute() else (folder, pattern))
-        paths = sorted(root.glob(relative)) if relative else []
+        try:
+            # Of the folder itself, '.', `glob` makes an error of Python.
+            paths = sorted(root.glob(relative)) if Path(relative).parts else []
+        except (ValueError, NotImplementedError) as error:
+            raise UserError(f'bags: {pattern!r} is no pattern of files: {error}') from None
         if not paths:
             raise UserError(f'bags: nothing matches {pattern!r} in {root}')
         found |= dict.fromkeys(path.resolve() for path in paths)

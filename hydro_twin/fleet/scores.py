@@ -123,7 +123,7 @@ def _fit(y: FloatArray, v: FloatArray, kept: FloatArray
 
 
 def surprise(having: int, others: int) -> float:
-    """Score that a rig has something which so many of the other rigs of its group have.
+    """Score how unusual it is that a rig has something that `having` of its `others` have.
 
     The chance of it is (having + 1/2) / (others + 1), the mean of a beta distribution with the
     prior of Jeffreys; the score is the quantile of the normal distribution that is exceeded with

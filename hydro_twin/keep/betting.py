@@ -3,11 +3,12 @@
 In every block of samples the two models have mean squared residuals a (champion) and b
 (challenger). The relative gain x = (a - b) / (a + b) lies between -1 and 1, whatever the residual
 does. The null hypothesis is that its mean, given the past, is not above a least gain m. Whoever
-bets the share l of a capital on x > m in each block multiplies it by 1 + l (x - m). Under the null
-no bet has an expected gain, so by Ville's inequality the capital, 1 at the start, ever reaches
-1 / alpha with a probability of at most alpha: the e-process of Waudby-Smith and Ramdas (Estimating
-means of bounded random variables by betting, J. R. Stat. Soc. B 86, 2024). The capital is spread
-over a grid of shares, so that none has to be chosen: an average of such capitals is one, too.
+bets the share l of a capital on x > m in each block multiplies it by 1 + l (x - m) / (1 + m).
+Under the null no bet has an expected gain, so by Ville's inequality the capital, 1 at the start,
+ever reaches 1 / alpha with a probability of at most alpha: the e-process of Waudby-Smith and
+Ramdas (Estimating means of bounded random variables by betting, J. R. Stat. Soc. B 86, 2024). The
+capital is spread over a grid of shares, so that none has to be chosen: an average of such capitals
+is one, too.
 """
 from __future__ import annotations
 
@@ -48,18 +49,18 @@ class Bet:
         self.blocks += 1
         self._logs = [log + math.log1p(share * won)
                       for log, share in zip(self._logs, SHARES, strict=True)]
-        return self.log
+        return self.log_capital
 
     @property
-    def log(self) -> float:
+    def log_capital(self) -> float:
         """The log of the capital: the evidence against the null hypothesis."""
         top = max(self._logs)
         return top + math.log(sum(math.exp(log - top) for log in self._logs) / len(SHARES))
 
     @property
-    def value(self) -> float:
+    def e_value(self) -> float:
         """The capital, at most 1e300."""
-        return math.exp(min(self.log, 690.0))
+        return math.exp(min(self.log_capital, 690.0))
 
 
 def relative_gain(a: float, b: float) -> float:

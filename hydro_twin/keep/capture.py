@@ -154,7 +154,9 @@ def close(captured: Captured, outcome: str) -> None:
 
 
 def prune(folder: Path, most: int, kept: Collection[Path]) -> None:
-    """Delete the oldest captures that are done with, so that so many are left.
+    """Delete the oldest captures beyond a number, except some.
+
+    Those stay that are not yet traced, and those whose bag is kept.
 
     Args:
         folder: of all captures.

@@ -35,6 +35,20 @@ class Rules:
     least: float = 60.0
 
 
+def in_one_mode(one: Twin, other: Twin) -> tuple[Twin, Twin]:
+    """Let two twins run in a mode in which both can, so that their residuals can be compared.
+
+    Asked for the observer, a model that lacks its noise runs one_step, as every model can.
+    """
+    return (one, other) if one.mode == other.mode else (_one_step(one), _one_step(other))
+
+
+def _one_step(twin: Twin) -> Twin:
+    made = Twin(twin.name, twin.predictor, 'one_step', {**twin.about, 'mode': 'one_step'})
+    made.warm_up()
+    return made
+
+
 class Duel:
     """Runs a champion and a challenger on the same samples, and bets on each block.
 
@@ -55,7 +69,8 @@ class Duel:
             challenger: against it.
             rules: when it ends.
             regimes: collects the evidence regime by regime.
-            newer: which of the two that is about: 1 for the challenger, 0 for the champion.
+            newer: which of the two is the newer model, which `regimes` judges: 1 the challenger,
+                0 the champion.
         """
         self.champion, self.challenger, self.rules = champion, challenger, rules
         self.regimes, self._newer = regimes, newer
@@ -116,7 +131,7 @@ class Duel:
             self._learned.append((a, b))
             if len(self._learned) == self._learn:
                 pairs = np.array(self._learned)
-                needed = MEMORIES * max(memory(pairs[:, 0]), memory(pairs[:, 1]))
+                needed = MEMORIES * max(map(autocorrelation_time, pairs.T))
                 self.block = max(round(SHORTEST / self.sample_time), math.ceil(needed))
                 self._learned = []
             return
@@ -134,7 +149,7 @@ class Duel:
                 self.challenger.divergences > self._diverged[1]]
         self._diverged = [self.champion.divergences, self.challenger.divergences]
         if any(lost) and self.regimes is not None:
-            self.regimes.lose(*self._older_first(*lost))
+            self.regimes.note_divergence(*self._older_first(*lost))
         gain = (relative_gain(*(math.inf if one else 0.0 for one in lost)) if any(lost)
                 else relative_gain(*self._sums))
         if not any(lost):
@@ -149,9 +164,9 @@ class Duel:
     def outcome(self) -> Outcome:
         """What the evidence says of the challenger by now; it may be asked at any time."""
         enough = -math.log(self.rules.alpha)
-        if self.worse.log >= enough and self._totals[1] >= self._totals[0]:
+        if self.worse.log_capital >= enough and self._totals[1] >= self._totals[0]:
             return 'worse'
-        if (self.better.log >= enough and self.seconds >= self.rules.least
+        if (self.better.log_capital >= enough and self.seconds >= self.rules.least
                 and self._totals[1] <= self._totals[0]):
             return 'better'
         return 'open'
@@ -160,7 +175,7 @@ class Duel:
         """Lay out what was found, for a record; RMS in the unit of the output."""
         rms = [math.sqrt(total / self._counted) if self._counted else None
                for total in self._totals]
-        return {'e_value': self.better.value, 'against': self.worse.value,
+        return {'e_value': self.better.e_value, 'against': self.worse.e_value,
                 'needed': 1.0 / self.rules.alpha, 'alpha': self.rules.alpha,
                 'least_gain': self.rules.gain, 'blocks': self.better.blocks,
                 'block_s': self.block * self.sample_time, 'seconds': self.seconds,
@@ -169,7 +184,7 @@ class Duel:
                 **({'regimes': self.regimes.record()} if self.regimes is not None else {})}
 
 
-def memory(values: np.ndarray) -> float:
+def autocorrelation_time(values: np.ndarray) -> float:
     """Estimate the correlation length of a signal [samples]: its integrated autocorrelation.
 
     The lowest frequencies of the periodogram give the variance of long means, which is divided by

@@ -45,6 +45,7 @@ class Keeper:
         times: at which steady time which stamp was the newest [ns].
         fault: what went wrong last, on one line; '' after a success.
         troubles: what goes wrong now, a line each.
+        uncaptured: topics that are to be captured and cannot be: name -> why.
         lacking: what the last stretch said too little of, while a better one is waited for.
         champion, challenger: as the store had them last.
     """
@@ -66,6 +67,7 @@ class Keeper:
         self.judge = Judge(store, get, self.jobs, announce)
         self.signals: dict[str, SignalMap] = {}
         self.topics: dict[str, tuple[str, bool]] = {}
+        self.uncaptured: dict[str, str] = {}
         self.twin = Follower(store, get, set_model)
         self.captures = store.path / CAPTURES
         self.waiting: deque[Captured] = deque(untraced(self.captures))
@@ -77,11 +79,12 @@ class Keeper:
         self.lacking = ''
         self._settled: int | None = None   # when the residual had risen, on the steady clock [ns]
         self._due: int | None = None       # when a capture is made without an event
-        self._standing: int | None = None  # since when the model does not hold, or the last try
+        # Since when the model does not hold, or the last try, on the steady clock [ns].
+        self._failing_since: int | None = None
 
     # What comes in
 
-    def passed(self, now: int, stamp: int) -> None:
+    def note_time(self, now: int, stamp: int) -> None:
         """Note at which steady time a stamp was the newest [ns], now and then."""
         self.times.append((now, stamp))
         while self.times[0][0] < now - round(self.ring.seconds * SECOND):
@@ -95,7 +98,7 @@ class Keeper:
         where = event.get('location')
         if isinstance(settled, int):     # what was before would blur what it has become
             since = next((then for then, stamp in self.times if stamp >= settled), now)
-        self._standing, self._settled, self.lacking = now, since, ''
+        self._failing_since, self._settled, self.lacking = now, since, ''
         self.ask(now, f'refit: the residual is {event.get("rms", 0.0):.4g}, promised '
                       f'{event.get("promised", 0.0):.4g}'
                       + (f'; the fault {where["says"]}' if where else ''), since)
@@ -107,7 +110,7 @@ class Keeper:
     def informed(self, twins: Sequence[Mapping[str, Any]]) -> None:
         """Hear what the twin runs."""
         if self.twin.informed(twins):
-            self._standing, self.lacking = None, ''
+            self._failing_since, self.lacking = None, ''
 
     def answered(self, refusal: str) -> None:
         """Hear why the twin refuses the champion, if it does."""
@@ -129,7 +132,7 @@ class Keeper:
         challenger = self.store.challenger
         if challenger is None:
             raise UserError('there is no challenger')
-        duel = self.judge.duel if self.judge.tries else None
+        duel = self.judge.duel if self.judge.on_trial else None
         last = challenger.decisions[-1].get('evidence')
         self.judge.promote(challenger, by, duel.evidence() if duel else last)
         return f'version {challenger.name} is the champion'
@@ -152,7 +155,7 @@ class Keeper:
     def tick(self, now: int) -> None:
         """Do what is due; steady time in ns. What goes wrong is in `troubles`, not raised."""
         troubles: list[str] = []
-        for step in (self.jobs.poll, self._settle, partial(self._capture, now),
+        for step in (self.jobs.poll, self._refresh_champion, partial(self._capture, now),
                      lambda: self.twin.work(now, self.champion), self._trace,
                      lambda: self.judge.work(self.mode), partial(self._again, now),
                      partial(self._regularly, now)):
@@ -167,11 +170,11 @@ class Keeper:
                 self.announce('fault', says=said)
         self.troubles = troubles
 
-    def _settle(self) -> None:
+    def _refresh_champion(self) -> None:
         """Take note of the champion; an empty store begins with what the twin runs."""
         self.ring.seconds, self.ring.most = self.get('before'), round(self.get('ring') * MIB)
         champion = self.store.champion or self.twin.first()
-        if champion is not None and self.judge.notice(champion):
+        if champion is not None and self.judge.set_champion(champion):
             self.twin.want(champion)
         self.champion, self.challenger = champion, self.store.challenger
 
@@ -197,7 +200,7 @@ class Keeper:
     def _trace(self) -> None:
         champion, mode = self.champion, self.mode
         if (not self.waiting or not self.signals or champion is None or mode is None
-                or self.judge.tries or self.jobs.busy('trace')):
+                or self.judge.on_trial or self.jobs.busy('trace')):
             return
         captured = self.waiting.popleft()
         bounds = Bounds(self.get('trace_time'), self.get('trace_memory'), self.get('nice'))
@@ -212,19 +215,23 @@ class Keeper:
             if isinstance(error, NotEnoughError):
                 close(captured, f'not enough: {error}')
                 self.announce('not_enough', bag=str(captured.bag), says=str(error))
-                self.lacking = str(error) if self._standing is not None else ''
+                self.lacking = str(error) if self._failing_since is not None else ''
             elif not self.jobs.stop.is_set():     # else it is traced after the next start
                 close(captured, f'failed: {error}')
                 self.announce('failed', bag=str(captured.bag), why=str(error))
                 self._fail(f'trace of {captured.bag}: {error}')
 
         self.announce('tracing', bag=str(captured.bag), champion=champion.name)
-        self.jobs.start('trace', work, partial(self._traced, captured), failed)
+        self.jobs.start('trace', work, partial(self._traced, captured, champion), failed)
 
-    def _traced(self, captured: Captured, folder: Path) -> None:
-        """Enter what a trace made, and have it judged."""
-        champion = self.store.champion
-        if champion is None:
+    def _traced(self, captured: Captured, champion: Version, folder: Path) -> None:
+        """Enter what a trace from a champion on made, and have it judged.
+
+        Where another version has become the champion meanwhile, the capture is traced again.
+        """
+        now = self.store.champion
+        if now is None or now.name != champion.name:
+            self.waiting.appendleft(captured)
             return
         old = self.store.challenger
         if old is not None:
@@ -243,17 +250,17 @@ class Keeper:
         Immediately after a capture with too little excitation, long enough to overlap it.
         """
         pause = self.get('again')
-        if self._standing is None:
+        if self._failing_since is None:
             return
         if self.busy:
-            self._standing = now
+            self._failing_since = now
         elif self.lacking:
             self.capture.ask(now, self.get('before'), f'more motion is needed: {self.lacking}',
                              self._settled)
         elif not pause:
             return
-        elif now - self._standing > pause * SECOND:
-            self._standing = now
+        elif now - self._failing_since > pause * SECOND:
+            self._failing_since = now
             self.ask(now, 'the model still does not hold')
 
     def _regularly(self, now: int) -> None:
@@ -280,7 +287,7 @@ class Keeper:
     @property
     def busy(self) -> bool:
         """Whether a stretch is captured, traced or judged."""
-        return bool(self.capture.wanted or self.waiting or self.judge.tries
+        return bool(self.capture.wanted or self.waiting or self.judge.on_trial
                     or any(map(self.jobs.busy, ('write', 'trace'))))
 
     def status(self, now: int) -> Status:
@@ -293,10 +300,11 @@ class Keeper:
         doing += [f'{len(self.waiting)} captures to trace'] if self.waiting else []
         doing += [said] if (said := self.judge.says()) else []
         challenger = self.challenger
-        if challenger is not None and not self.judge.tries:
+        if challenger is not None and not self.judge.on_trial:
             doing.append(f'challenger {challenger.name} waits to be promoted: '
                          f'{challenger.record["changed"]}')
-        faults = [*filter(None, [self.fault, *self.troubles, self.twin.trouble])]
+        faults = [*filter(None, [self.fault, *self.troubles, self.twin.trouble]),
+                  *(f'{topic} is not captured: {why}' for topic, why in self.uncaptured.items())]
         values = {
             'policy': self.get('policy'),
             'champion': self.champion.name if self.champion else '',

@@ -6,10 +6,10 @@ So it can show that the newer model holds in a regime, but not that it is worse 
 from __future__ import annotations
 
 from hydro_twin.errors import ModelError
-from hydro_twin.keep.duel import Duel, Rules
+from hydro_twin.keep.duel import Duel, in_one_mode, Rules
 from hydro_twin.keep.regime_bets import Regimes
 from hydro_twin.keep.regimes import grid_of, Known, seen
-from hydro_twin.live.models import same_inputs
+from hydro_twin.live.models import check_same_inputs
 from hydro_twin.live.twin import Twin
 from hydro_twin.recording.clock import same
 from hydro_twin.recording.series import Recording
@@ -32,7 +32,8 @@ def compare(champion: Twin, challenger: Twin, fitted: Recording, earlier: Record
         ModelError: the models are not of one plant and of the clock of the recordings, or no
             recording is long enough.
     """
-    same_inputs(challenger, champion)
+    check_same_inputs(challenger, champion)
+    champion, challenger = in_one_mode(champion, challenger)
     plant, sample_time = champion.predictor.plant, champion.predictor.sample_time
     every = fitted + earlier
     if not same(every.sample_time, sample_time):
@@ -50,4 +51,4 @@ def compare(champion: Twin, challenger: Twin, fitted: Recording, earlier: Record
                                               strict=True):
             duel.step(stamp, row, output, beside)
     return Known(challenger.mode, grid, seen(every, plant, grid), {
-        name: one.holds.value for name, one in regimes.found.items()}), regimes
+        name: one.holds.e_value for name, one in regimes.found.items()}), regimes

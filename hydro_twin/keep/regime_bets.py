@@ -101,7 +101,7 @@ class Regimes:
             one.bet(relative_gain(*one.block))
         self.restart()
 
-    def lose(self, older: bool, newer: bool) -> None:
+    def note_divergence(self, older: bool, newer: bool) -> None:
         """Take note of which model diverged; where too few samples tell the regime, of none."""
         if self._count >= FEWEST:
             one = self._here()
@@ -121,7 +121,7 @@ class Regimes:
         regimes: the k-th one visited is allotted alpha / (k (k + 1)), which sums to alpha.
         """
         return [name for name, one in self.found.items()
-                if one.worse.log >= math.log((one.order + 1) * (one.order + 2) / alpha)]
+                if one.worse.log_capital >= math.log((one.order + 1) * (one.order + 2) / alpha)]
 
     def pending(self, known: Known, alpha: float) -> list[str]:
         """Name the regimes seen before in which the newer model is not shown to hold.
@@ -130,12 +130,13 @@ class Regimes:
         taken for shown is at most alpha.
         """
         return [name for name in known.seen if known.holds.get(name, 0.0) < 1.0 / alpha
-                and not (name in self.found and self.found[name].holds.log >= -math.log(alpha))]
+                and not (name in self.found
+                         and self.found[name].holds.log_capital >= -math.log(alpha))]
 
     def record(self) -> dict[str, Any]:
         """Lay out what was found, by regime."""
-        return {name: {'seconds': one.samples * self.sample_time, 'holds': one.holds.value,
-                       'worse': one.worse.value,
+        return {name: {'seconds': one.samples * self.sample_time, 'holds': one.holds.e_value,
+                       'worse': one.worse.e_value,
                        **dict(zip(('rms_older', 'rms_newer'), one.rms(), strict=True))}
                 for name, one in self.found.items()}
 

@@ -22,7 +22,7 @@ class Ring:
     """Keeps messages by time, within a bound in bytes.
 
     Of each topic the last message from before the window stays as well: it gives what a command
-    at rest was. All messages of latched topics stay, however old. The bound in bytes is above
+    at rest was. All messages of latched topics stay, however old. The bound in bytes overrides
     both: beyond it the oldest messages go, those of latched topics last.
 
     Attributes:

@@ -72,6 +72,7 @@ def trace(captured: Captured, champion: Path, earlier: Sequence[Path],
         NotEnoughError: the stretch moves the rig too little.
         TraceError: it failed, took too long, or was stopped.
         ModelError: the champion cannot be read.
+        OSError: the folder cannot be written, or a process cannot be started.
     """
     model = read_model(champion)
     config, output = captured.folder / CONFIG, captured.folder / TRACE

@@ -6,14 +6,14 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 from hydro_twin.errors import ModelError
-from hydro_twin.keep.duel import Duel, Rules
+from hydro_twin.keep.duel import Duel, in_one_mode, Rules
 from hydro_twin.keep.follow import BY
 from hydro_twin.keep.jobs import Jobs
 from hydro_twin.keep.limits import beyond, parse
 from hydro_twin.keep.regime_bets import Regimes
 from hydro_twin.keep.regimes import Known, read_known
 from hydro_twin.keep.settings import AUTO, OBSERVE
-from hydro_twin.live.models import Choice, load_twin, same_inputs
+from hydro_twin.live.models import check_same_inputs, Choice, load_twin
 from hydro_twin.live.twin import Twin
 from hydro_twin.store.store import Store
 from hydro_twin.store.version import CONFIRMED, DISCARDED, PROMOTED, RECOMMENDED, Version
@@ -60,7 +60,7 @@ class Judge:
         self._known: Known | None = None     # of the regimes, for the newer version
         self._champion = ''
 
-    def notice(self, champion: Version) -> bool:
+    def set_champion(self, champion: Version) -> bool:
         """Take note of the champion; whether it is another one than before.
 
         A challenger whose trial was not ended is judged (again), else the champion on probation.
@@ -90,7 +90,7 @@ class Judge:
         self.pair = self.duel = self._known = None
 
     @property
-    def tries(self) -> bool:
+    def on_trial(self) -> bool:
         """Whether a challenger is on trial."""
         return self.pair is not None and self.pair.kind == TRIAL
 
@@ -116,7 +116,8 @@ class Judge:
             """Make both ready to step, and read what is known of the regimes."""
             one, other = (load_twin(Choice(version.name, version.model_file), mode)
                           for version in (pair.champion, pair.other))
-            same_inputs(other, one)
+            check_same_inputs(other, one)
+            one, other = in_one_mode(one, other)
             older, newer = pair.by_age
             known = read_known(newer.folder)
             if known is not None and (known.mode, newer.parent) != (other.mode, older.name):
@@ -137,6 +138,9 @@ class Judge:
                 self.drop()
                 if pair.kind == TRIAL:
                     self._discard(pair, None, f'it cannot be run: {error}')
+                else:
+                    self.announce('fault', says=f'version {pair.champion.name} is not judged '
+                                  f'against its predecessor {pair.other.name}: {error}')
             if not isinstance(error, ModelError):
                 raise error
 

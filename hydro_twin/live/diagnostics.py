@@ -11,6 +11,8 @@ from hydro_twin.live.track import SENSOR
 from hydro_twin.live.twin import MAIN, Twin
 
 TIME = 'time'   # the part that says whether time runs on
+GAPS = 3.0      # periods of a topic without a message, from which on it counts as silent
+DUE = 2.0       # predictions that are due and do not come, from which on that is said
 
 
 class Level(IntEnum):
@@ -48,6 +50,16 @@ class Diagnosis:
         self.live = live
         self.twins = twins
         self._last: dict[tuple[object, str], int] = {}
+        self._silent: dict[Twin, float] = {}    # for how long each has made no prediction [s]
+
+    def replace(self, twins: Sequence[Twin]) -> None:
+        """Diagnose these twins instead of those of the same names, and the others as before."""
+        running = {twin.name: twin for twin in [*self.twins, *twins]}
+        self.twins = list(running.values())
+        gone = [owner for owner, _ in self._last
+                if isinstance(owner, Twin) and owner not in self.twins]
+        self._last = {key: value for key, value in self._last.items() if key[0] not in gone}
+        self._silent = {twin: time for twin, time in self._silent.items() if twin in self.twins}
 
     def statuses(self, now: int, elapsed: float, publishers: Mapping[str, int]) -> list[Status]:
         """Say how things stand.
@@ -78,8 +90,8 @@ class Diagnosis:
     def _feed(self, feed: Feed, now: int, elapsed: float, publishers: int) -> Status:
         """Say how the messages of one topic come in."""
         arrived = self._new(feed, 'messages')
-        faults = [f'{self._new(feed, "malformed")} malformed: {feed.fault}'
-                  ] if feed.malformed > self._last.get((feed, 'malformed'), 0) else []
+        malformed = self._new(feed, 'malformed')
+        faults = [f'{malformed} malformed: {feed.fault}'] if malformed else []
         for counter, what in (('not_finite', 'not finite'), ('reordered', 'out of order'),
                               ('duplicates', 'twice the same stamp'), ('late', 'too late')):
             faults += [f'{track.name}: {count} {what}' for track in feed.tracks
@@ -90,21 +102,25 @@ class Diagnosis:
         if publishers > 1:
             faults.append(f'{publishers} publishers on one topic')
         needed = any(track.needed for track in feed.tracks)
+        age = (now - feed.arrived) * 1e-9
+        # What comes once a second may come twice in one second and not in the next.
+        patience = GAPS * 1e-9 * max(track.period for track in feed.tracks)
+        silent = not arrived and not (feed.messages and 0.0 <= age <= patience)
         if feed.optional and not feed.messages and not publishers:
             level = Level.OK
             faults = ['no such sensor']
-        elif not arrived:
+        elif silent:
             level = Level.STALE if needed else Level.WARN
             faults.insert(0, 'nothing has come yet' if not feed.messages else
-                          f'nothing for {(now - feed.arrived) * 1e-9:.1f} s')
-        elif names or arrived == feed.malformed:
+                          f'nothing for {age:.1f} s')
+        elif names or 0 < arrived <= malformed:
             level = Level.ERROR
         else:
             level = Level.WARN if faults else Level.OK
         values = {'rate [Hz]': f'{arrived / elapsed:.1f}', 'messages': f'{feed.messages}',
                   'publishers': f'{publishers}', 'malformed': f'{feed.malformed}'}
         if feed.messages:
-            values['age [s]'] = f'{(now - feed.arrived) * 1e-9:.3f}'
+            values['age [s]'] = f'{age:.3f}'
         for track in feed.tracks:
             for counter in ('duplicates', 'reordered', 'not_finite', 'late', 'filled'):
                 values[f'{track.name} {counter}'] = f'{getattr(track, counter)}'
@@ -128,6 +144,7 @@ class Diagnosis:
         diverged = self._new(twin, 'divergences')
         monitor = twin.monitor
         wanted = 1.0 / twin.predictor.sample_time
+        silent = self._silent[twin] = 0.0 if made else self._silent.get(twin, 0.0) + elapsed
         values = {'file': f'{twin.about.get("path", "")}', 'mode': twin.mode,
                   'rate [Hz]': f'{made / elapsed:.1f}',
                   'rate wanted [Hz]': f'{wanted:.1f}', 'predictions': f'{twin.predictions}',
@@ -168,8 +185,9 @@ class Diagnosis:
                 message = f'{", ".join(doubted)} contradicts the other measurements: left out'
         if diverged:
             level, message = Level.ERROR, f'diverged {diverged} times and was reset'
-        elif not made:
+        elif not made and (not twin.predictions or silent * wanted >= DUE):
             level, message = Level.WARN, 'no predictions: waiting for inputs'
-        elif made < 0.9 * wanted * elapsed and level is Level.OK:
+        # One more or less is due in a second, by when it begins.
+        elif made and made + 1 < 0.9 * wanted * elapsed and level is Level.OK:
             level, message = Level.WARN, f'{made / elapsed:.1f} of {wanted:g} predictions a second'
         return Status(_model_part(twin), level, message, values)

@@ -54,7 +54,7 @@ def locate(model: Model, inputs: FloatArray, measured: FloatArray, first: int, l
         inputs: of N successive samples, (N, m).
         measured: the output, nan where there is none, (N,).
         first: sample from which on the fault may set in.
-        last: sample until which it has; 0, as the first, where it is older.
+        last: sample until which it has; both 0 if it is older than the samples.
 
     Raises:
         ModelError: the model has no noise, so no observer.
@@ -80,7 +80,7 @@ def locate(model: Model, inputs: FloatArray, measured: FloatArray, first: int, l
                             key=_gain))
     best.sort(key=_gain, reverse=True)
     searched = [_search(one) for one in best[:FINALISTS]]
-    return _verdict(model, searched + best[FINALISTS:], plain.likelihood(counted))
+    return _verdict(model, searched + best[FINALISTS:], plain.log_likelihood(counted))
 
 
 def _gain(explanation: _Explanation) -> float:
@@ -118,7 +118,7 @@ def _explanations(suspect: Suspect, walk: float, before: _Explanation | None = N
         rows = laws[law]()
         responses = suspect.responses(plain, np.vstack([np.ones(rows.shape[1]), rows]))
         gain, coefficients = integrated(responses[:, begin - onset:], plain.innovation[begin:])
-        found.append(_Explanation(suspect, law, walk, plain.likelihood(begin) + gain,
+        found.append(_Explanation(suspect, law, walk, plain.log_likelihood(begin) + gain,
                                   coefficients[0] + coefficients[1:] @ rows))
     return found
 

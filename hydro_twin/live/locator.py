@@ -2,9 +2,11 @@
 from __future__ import annotations
 
 from collections import deque
+from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import replace
 import sys
-from threading import Thread
+from threading import Lock, Thread
 
 import numpy as np
 
@@ -22,6 +24,34 @@ LEAST = 250     # samples of the fault without which nothing is located: a law h
 # Python's threads take turns of 5 ms.
 YIELD = 0.0002
 KEPT = 2 * (LEAD + SPAN)        # newest samples: those of a rise, a batch of it and the wait
+
+
+class _Turns:
+    """How often the threads of this process take turns, which belongs to all locators."""
+
+    def __init__(self) -> None:
+        self._lock = Lock()
+        self._users = 0
+        self._usual = 0.0       # [s]
+
+    @contextmanager
+    def short(self) -> Iterator[None]:
+        """Keep turns at `YIELD` until the last of those who want that is done."""
+        with self._lock:
+            if not self._users:
+                self._usual = sys.getswitchinterval()
+                sys.setswitchinterval(YIELD)
+            self._users += 1
+        try:
+            yield
+        finally:
+            with self._lock:
+                self._users -= 1
+                if not self._users:
+                    sys.setswitchinterval(self._usual)
+
+
+_turns = _Turns()
 
 
 class Locator:
@@ -82,12 +112,8 @@ class Locator:
 
     def _locate(self, rise: Rise, samples: list[tuple[int, FloatArray, float]]) -> None:
         """Find the location, for `located`, and give way to the hot path meanwhile."""
-        usual = sys.getswitchinterval()
-        sys.setswitchinterval(YIELD)
-        try:
+        with _turns.short():
             self._found = self._location(rise, samples)
-        finally:
-            sys.setswitchinterval(usual)
 
     def _location(self, rise: Rise, samples: list[tuple[int, FloatArray, float]]) -> Location:
         """Cut the stretch that a rise is about, and locate the fault in it."""

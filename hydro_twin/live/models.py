@@ -12,7 +12,7 @@ from hydro_twin.model import document, load_predictor
 from hydro_twin.predictors import modes_of
 from hydro_twin.recording.digest import source_of
 
-TASTE = 4096   # bytes at the begin of a model file that show whether it may be one
+HEAD_BYTES = 4096   # bytes at the begin of a model file that show whether it may be one
 
 
 @dataclass(frozen=True)
@@ -70,7 +70,7 @@ def load_twin(choice: Choice, mode: str, follow: Sequence[str] = ()) -> Twin:
     return twin
 
 
-def same_inputs(twin: Twin, other: Twin) -> None:
+def check_same_inputs(twin: Twin, other: Twin) -> None:
     """Refuse a twin that cannot run on the inputs of another.
 
     Raises:
@@ -92,7 +92,7 @@ def plant_of(path: Path) -> str:
     """
     try:
         with path.open('rb') as file:
-            head = file.read(TASTE)
+            head = file.read(HEAD_BYTES)
     except OSError as error:
         raise ModelError(f'{path}: no model file can be read there ({error.strerror})') from None
     found = re.search(rb'^plant:\s*[\'"]?(\w+)', head, re.MULTILINE)
@@ -101,7 +101,7 @@ def plant_of(path: Path) -> str:
     return found[1].decode()
 
 
-def taste(path: Path, plant: str) -> str:
+def quick_refusal(path: Path, plant: str) -> str:
     """Look at a model file, in no time; the reason to refuse it, or ''."""
     try:
         found = plant_of(path)

@@ -53,19 +53,19 @@ class Chart:
         return (math.cbrt(ratio) - (1.0 - spread)) / math.sqrt(spread)
 
 
-def design(square_noise: float, sample_time: float) -> Chart:
+def design(variance: float, sample_time: float) -> Chart:
     """Choose batch and threshold for a residual of a given colour.
 
     Args:
-        square_noise: n Var(m) / E(m)^2 of the mean m of n squared samples; 2 when white.
+        variance: n Var(m) / E(m)^2 of the mean m of n squared samples; 2 when white.
         sample_time: [s].
 
     Returns:
         The chart. Run lengths are Siegmund's, (e^-c + c - 1) / (2 k^2) with c = 2 k b in a drift
         k towards the boundary b = threshold + 1.166, and the same with -c away from it.
     """
-    samples = math.ceil(max(BATCH / sample_time, FREEDOM * square_noise / 2.0))
-    freedom = 2.0 * samples / square_noise
+    samples = math.ceil(max(BATCH / sample_time, FREEDOM * variance / 2.0))
+    freedom = 2.0 * samples / variance
     k = 0.5 * (math.cbrt(RISE**2) - 1.0) / math.sqrt(2.0 / (9.0 * freedom))
     batch = samples * sample_time
     wanted = max(FALSE_ALARM / batch, 10.0)
@@ -80,7 +80,7 @@ def threshold_of(reference: float, batches: float) -> float:
     """Find the threshold of a one-sided CUSUM of normal variables [Siegmund 1985].
 
     Args:
-        reference: that each loses, in its standard deviation.
+        reference: the reference value k, subtracted from each variable [standard deviations].
         batches: mean number of them between two false alarms.
     """
     def excess(c: float) -> float:
@@ -90,7 +90,7 @@ def threshold_of(reference: float, batches: float) -> float:
     return c / (2.0 * reference) - OVERSHOOT
 
 
-def square_noise(residual: np.ndarray) -> float:
+def relative_long_run_variance(residual: np.ndarray) -> float:
     """Estimate the variance of the mean squared residual, whatever the residual's colour.
 
     It is taken from the lowest frequencies of the periodogram of the squares, which give the
@@ -118,7 +118,10 @@ class Rise:
     Attributes:
         sign: 'level' or 'colour': what no longer is as it was.
         begin, end: stamps of the stretch [ns].
-        settled: stamp at which the first batch of it ends, in which the rise may have begun [ns].
+        settled: end of the first batch of the stretch [ns]: the rise began between `begin` and
+            this.
+        rms, promised: RMS of the residual, as measured and as stated by the model file [unit of
+            the output].
         location: where the fault enters; None where that is not looked for.
     """
 
@@ -131,7 +134,7 @@ class Rise:
     location: Location | None = None
 
 
-class Colour:
+class WhitenessCusum:
     """A one-sided CUSUM of the autocorrelation, batch by batch [Ljung and Box 1978].
 
     The statistic of a white batch is a chi-square variable of `LAGS` degrees of freedom, made
@@ -194,8 +197,8 @@ class Monitor:
         self.sample_time = sample_time
         self.chart: Chart | None = None
         self.rise: Rise | None = None
-        self._base = round(BATCH / sample_time)
-        self.colour = Colour(BATCH) if white and self._base > 3 * LAGS else None
+        self._base = max(round(BATCH / sample_time), 1)     # samples of a batch
+        self.colour = WhitenessCusum(BATCH) if white and self._base > 3 * LAGS else None
         self._kept = np.empty(self._base)
         self._series: deque[tuple[int, int, np.ndarray]] = deque(maxlen=3600)
         self._judged = 0
@@ -237,7 +240,7 @@ class Monitor:
         if self.chart is None:
             if self._learned < LEARN:
                 return None
-            self.chart = design(square_noise(self._seen), self.sample_time)
+            self.chart = design(relative_long_run_variance(self._seen), self.sample_time)
         found = None
         while self._batches:
             found = self._take(self.chart, *self._batches.popleft()) or found

@@ -15,7 +15,17 @@ class Outlet:
 
     def __init__(self, twin: Twin, horizon: int, prediction: Publish, residual: Publish,
                  states: Publish, ahead: Publish, parameters: Publish) -> None:
-        """Publish serialised JointStates; those ahead are so many samples ahead."""
+        """Publish what a twin gives, as serialised JointStates.
+
+        Args:
+            twin: that is stepped.
+            horizon: how many samples ahead `ahead` predicts.
+            prediction: publishes the prediction of each sample.
+            residual: publishes measured minus predicted, where the output was measured.
+            states: publishes the estimated states and their standard deviations.
+            ahead: publishes the prediction ahead and its standard deviation.
+            parameters: publishes the followed parameters and their standard errors.
+        """
         self.horizon = horizon
         self.states_wanted = False      # by a subscriber: nobody else needs the work
         self.ahead_wanted = False

@@ -71,7 +71,7 @@ def loops(signal: FloatArray) -> FloatArray:
 
 
 def lags(signal: FloatArray) -> FloatArray:
-    """Say how far a signal is ahead of itself behind lags of first order: sums are dynamics.
+    """Return first-order lags of a signal, less the signal: weighted sums are linear dynamics.
 
     Args:
         signal: (N,).

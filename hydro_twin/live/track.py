@@ -24,6 +24,7 @@ class Track:
 
     Attributes:
         index: of the input that it is, `OUTPUT` or `SENSOR`.
+        sample_time: of the grid [ns].
         held: keeps its value until the next sample (a command); else interpolated.
         before: the newest sample that is not after the grid time.
         after: the samples after that.
@@ -31,6 +32,13 @@ class Track:
         awaited: False from a fill-in to the next sample.
         period: typical pause, at least the sample time [ns].
         rests: comes when it changes, so that a pause says nothing.
+        samples: how many came, whatever was wrong with them.
+        duplicates, reordered: how many had the stamp of the newest one, or an older stamp.
+        not_finite: how many were nan or infinite.
+        late: how many came after their grid time was made.
+        filled: how many grid times were made without one, as it did not come in time.
+        needed: whether it is an input, without which no sample is made.
+        longest_gap: pause that ends a series [ns].
     """
 
     name: str

@@ -1,4 +1,4 @@
-"""One model that runs on the samples, and whether it can be stood behind."""
+"""One model on the live samples: reset when it diverges, its residual monitored."""
 from __future__ import annotations
 
 from collections.abc import Mapping
@@ -77,15 +77,16 @@ class Twin:
             A rise when it has just been found, of an observer some seconds later, when it is also
             known where the fault enters.
         """
-        if self.monitor is None:
+        monitor, locator = self.monitor, self._locator     # which `start_over` replaces
+        if monitor is None:
             return None
-        rise = self.monitor.judge()
-        if self._locator is None:
+        rise = monitor.judge()
+        if locator is None:
             return rise
         if rise is not None:
-            self._locator.take(rise)
-        if (located := self._locator.located()) is not None:
-            self.monitor.rise = located
+            locator.take(rise)
+        if (located := locator.located()) is not None:
+            monitor.rise = located
         return located
 
     @property
@@ -122,7 +123,7 @@ class Twin:
     def ahead(self, samples: int) -> tuple[float, float] | None:
         """Predict the output so many samples after the last, and its standard deviation.
 
-        None of a mode that does not estimate the states.
+        Returns None in a mode that does not estimate states.
         """
         predict = getattr(self._stepper, 'ahead', None)
         return None if predict is None else predict(samples)
@@ -133,10 +134,11 @@ class Twin:
         for _ in range(plant.order + 2):
             stepper.step(np.zeros(len(plant.inputs)), 0.0)
 
-    def _judged(self) -> float:
-        """Return the last residual as it would be with the sensors that the promise was made with.
+    def _normalised_residual(self) -> float:
+        """Return the last residual, scaled to the innovation's standard deviation.
 
-        While one is missing the observer knows less, and so expects a larger residual.
+        That is the one with all the sensors that the model was fitted with. While one of them is
+        missing the observer knows less, and so expects a larger residual.
         """
         if self._expected is None:
             return self.residual
@@ -145,7 +147,7 @@ class Twin:
 
     @property
     def scored(self) -> bool:
-        """Whether the last sample is past the start-up, which no error counts."""
+        """Whether the last sample is past the start-up, which is not scored."""
         return self._count > self._unscored
 
     def step(self, stamp: int, inputs: FloatArray, measured: float,
@@ -181,5 +183,5 @@ class Twin:
         self.residual = measured - prediction
         if (self.monitor is not None and self.residual == self.residual     # not nan
                 and self.scored):                                           # as the promise
-            self.monitor.add(stamp, self._judged())
+            self.monitor.add(stamp, self._normalised_residual())
         return prediction

@@ -71,7 +71,7 @@ class Seen:
     passing: FloatArray
     gains: FloatArray
 
-    def likelihood(self, begin: int) -> float:
+    def log_likelihood(self, begin: int) -> float:
         """Sum the logarithm of the likelihood from a sample on [nat], up to a constant."""
         e, v = self.innovation[begin:], self.variance[begin:]
         return -0.5 * float(np.nansum(np.where(np.isnan(e), 0.0, np.log(v)) + e * e))

@@ -35,7 +35,7 @@ class Worker:
         self._jobs.put(job)
 
     def stop(self) -> None:
-        """End the thread, when it has done what it is at."""
+        """End the thread after the jobs that are queued; wait at most 5 s for it."""
         self._jobs.put(None)
         self._thread.join(timeout=5.0)
 

@@ -15,7 +15,7 @@ from std_msgs.msg import String
 from hydro_twin.live.diagnostics import Status
 from hydro_twin.live.monitor import Rise
 from hydro_twin.live.twin import Twin
-from hydro_twin.ros.topics import blamed, OVERRIDES
+from hydro_twin.ros.topics import errors_name_topic, OVERRIDES
 
 
 class Announcer:
@@ -25,7 +25,7 @@ class Announcer:
         """Publish in the name of a node."""
         latched = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
         self._name = node.get_fully_qualified_name().strip('/')
-        with blamed('~/model_info'):
+        with errors_name_topic('~/model_info'):
             self._info = node.create_publisher(String, '~/model_info', latched,
                                                qos_overriding_options=OVERRIDES)
         self._event = node.create_publisher(String, '~/model_event', 10)

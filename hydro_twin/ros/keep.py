@@ -2,7 +2,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-import contextlib
 from functools import partial
 import json
 from pathlib import Path
@@ -21,11 +20,14 @@ from std_srvs.srv import Trigger
 
 from hydro_twin.errors import UserError
 from hydro_twin.keep.keeper import Keeper
+from hydro_twin.keep.limits import check_names, parse
 from hydro_twin.keep.settings import SETTINGS
+from hydro_twin.plants import plant_named
 from hydro_twin.ros.announcer import diagnostic_array
 from hydro_twin.ros.keep_inputs import Inputs
 from hydro_twin.ros.parameters import declare_parameters, objection
 from hydro_twin.store.store import Store
+from hydro_twin.store.version import Version
 
 PERIOD = 1.0     # of the loop and of diagnostics [s]
 REASON = 200     # characters of the reason for a capture: two lines of a table
@@ -40,10 +42,13 @@ class KeepNode(Node):
 
     def __init__(self) -> None:
         super().__init__('hydro_twin_keep')
+        self._plant = ''      # whose parameters may have limits, once it is known
         self.add_on_set_parameters_callback(self._on_set)
         declare_parameters(self, SETTINGS)
         if not self._get('store'):
             raise UserError("no store is given: set the parameter 'store' to a folder")
+        self._plant = self._get('plant')
+        self._check_limits(self._get('limits'))
         self._answer: tuple[Any, float] | None = None     # of the twin, and since when awaited
         self._name = self.get_fully_qualified_name().strip('/')
         self._event = self.create_publisher(String, '~/event', 10)
@@ -58,9 +63,7 @@ class KeepNode(Node):
         self._subscribe(String, '~/capture', self._on_reason, QoSProfile(depth=10))
         self._inputs = Inputs(self, self.keeper, self._guarded, self._parameter_overrides,
                               [*filter(None, self._get('topics')), f'{twin}/model_info'])
-        champion = self.keeper.store.champion      # a damaged store ends the start
-        if champion is not None:
-            self._inputs.listen(champion.model_file, self._get('plant'))
+        self._listen(self.keeper.store.champion)       # a damaged store ends the start
         for name, answer in (('capture', self._on_capture), ('promote', self._on_promote),
                              ('rollback', self._on_rollback)):
             self.create_service(Trigger, f'~/{name}', answer)
@@ -80,6 +83,11 @@ class KeepNode(Node):
         for parameter in parameters:
             if reason := objection(parameter.name, parameter.value, SETTINGS):
                 return SetParametersResult(successful=False, reason=reason)
+            if parameter.name == 'limits':
+                try:
+                    self._check_limits(parameter.value)
+                except UserError as error:
+                    return SetParametersResult(successful=False, reason=str(error))
         return SetParametersResult(successful=True)
 
     def _announce(self, event: str, **about: Any) -> None:
@@ -178,20 +186,44 @@ class KeepNode(Node):
         return response
 
     def _on_tick(self) -> None:
-        """Do what is due, and say how things stand."""
+        """Do what is due, and say how things stand; what fails does not stop the rest."""
         now = time.monotonic_ns()
-        if self._inputs.live is None and self.keeper.champion is not None:
-            self._inputs.listen(self.keeper.champion.model_file, self._get('plant'))
-        with contextlib.suppress(UserError):     # of a type that is not installed
-            self._inputs.look()
-        self._hear_answer()
+        for step in (partial(self._listen, self.keeper.champion),
+                     self._inputs.subscribe_to_published, self._hear_answer,
+                     partial(self._note_time, now), partial(self.keeper.tick, now),
+                     partial(self._publish_status, now)):
+            self._guarded(step)
+
+    def _listen(self, champion: Version | None) -> None:
+        """Subscribe to the inputs once a champion says of which plant.
+
+        Raises:
+            UserError: the champion, the signals or the limits do not fit.
+        """
+        if self._inputs.live is None and champion is not None:
+            self._inputs.listen(champion.model_file, self._get('plant'))
+            self._plant = self._inputs.plant
+            self._check_limits(self._get('limits'))
+
+    def _check_limits(self, limits: Sequence[str]) -> None:
+        """Refuse limits of parameters that the plant does not have, once it is known.
+
+        Raises:
+            UserError: there is one.
+        """
+        if self._plant:
+            check_names(parse(limits), plant_named(self._plant))
+
+    def _note_time(self, now: int) -> None:
+        """Note which stamp is the newest at this steady time [ns]."""
         live = self._inputs.live
         if live is not None and live.aligner.stamp > 0:
-            self.keeper.passed(now, live.aligner.stamp)
-        self.keeper.tick(now)
-        plant = self._inputs.plant
-        self._diagnostics.publish(diagnostic_array(self._name, self.get_clock().now(), plant,
-                                                   [self.keeper.status(now)]))
+            self.keeper.note_time(now, live.aligner.stamp)
+
+    def _publish_status(self, now: int) -> None:
+        """Say how things stand; steady time in ns."""
+        self._diagnostics.publish(diagnostic_array(
+            self._name, self.get_clock().now(), self._inputs.plant, [self.keeper.status(now)]))
 
 
 def main(arguments: Sequence[str] | None = None) -> int:

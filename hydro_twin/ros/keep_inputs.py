@@ -9,15 +9,16 @@ import time
 from rclpy.node import Node
 from rclpy.parameter import Parameter
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
+from rclpy.validate_topic_name import validate_topic_name
 
-from hydro_twin.errors import ModelError
+from hydro_twin.errors import ModelError, UserError
 from hydro_twin.keep.keeper import Keeper
 from hydro_twin.live.live import Feed, Live
 from hydro_twin.live.messages import learn, message_class
 from hydro_twin.model import read_model
 from hydro_twin.plants import plant_named
 from hydro_twin.ros.parameters import SignalParameters
-from hydro_twin.ros.topics import Topics
+from hydro_twin.ros.topics import errors_name_topic, Topics
 
 DEPTH = 5000     # messages that may wait: a thread that loads a model takes its time
 WAIT = 0.1       # for late inputs, as the twin does by default [s]
@@ -41,11 +42,14 @@ class Inputs:
             guarded: calls a function with its arguments, and raises nothing.
             overrides: parameters that the node was started with.
             wanted: more topics to capture, once somebody publishes them.
+
+        Raises:
+            UserError: one of these is no name of a topic.
         """
         self._node, self._keeper, self._guarded = node, keeper, guarded
         self._topics = Topics(node, DEPTH)
         self._signals = SignalParameters(node, overrides)
-        self._wanted = list(wanted)
+        self._wanted = [self._resolved(name) for name in wanted]
         self._jumps = 0
         self.live: Live | None = None
         self.plant = ''
@@ -67,11 +71,15 @@ class Inputs:
         known = plant_named(name)
         signals = self._topics.resolved(self._signals.read(known))
         live = Live(known, signals, about.sample_time, WAIT)
+        try:
+            for feed in live.feeds:
+                learn(feed.type)
+                self._topics.listen(feed, partial(self._guarded, self._take, live, feed))
+        except UserError:
+            self._topics.stop_listening()      # the next try begins anew
+            raise
         self._keeper.signals = signals
-        for feed in live.feeds:
-            learn(feed.type)
-            self._keeper.topics[feed.topic] = (feed.type, False)
-            self._topics.listen(feed, partial(self._guarded, self._take, live, feed))
+        self._keeper.topics |= {feed.topic: (feed.type, False) for feed in live.feeds}
         self.live, self.plant = live, name
 
     def _take(self, live: Live, feed: Feed, payload: bytes) -> None:
@@ -92,34 +100,57 @@ class Inputs:
                     duel.restart()
                 duel.step(aligner.stamp, aligner.inputs, aligner.measured, aligner.sensors)
 
-    def look(self) -> None:
+    def subscribe_to_published(self) -> None:
         """Subscribe to what else is captured, once it is published; find what is latched.
 
-        Raises:
-            UserError: a type is not installed.
+        What cannot be subscribed to is in `Keeper.uncaptured`, and tried again the next time.
         """
         known = dict(self._node.get_topic_names_and_types())
-        for topic in self._keeper.topics:
+        inputs = {feed.topic for feed in self.live.feeds} if self.live is not None else set()
+        # Inputs age however they are published: of a stretch only that stretch is wanted.
+        for topic in self._keeper.topics.keys() - inputs:
             if self._is_latched(topic):
                 self._keeper.ring.latch(topic)
-        for name in list(self._wanted):
-            topic = self._node.resolve_topic_name(name)
+        for topic in list(self._wanted):
             # One that is only listened to says nothing of how it will be published.
             if (topic in self._keeper.topics or topic not in known
                     or not self._node.get_publishers_info_by_topic(topic)):
                 continue
-            kind, latched = known[topic][0], self._is_latched(topic)
-            learn(kind)
-            self._wanted.remove(name)
-            self._keeper.topics[topic] = (kind, latched)
-            if latched:
-                self._keeper.ring.latch(topic)
-            qos = QoSProfile(depth=DEPTH, reliability=ReliabilityPolicy.RELIABLE if latched
-                             else ReliabilityPolicy.BEST_EFFORT,
-                             durability=DurabilityPolicy.TRANSIENT_LOCAL if latched
-                             else DurabilityPolicy.VOLATILE)
-            self._node.create_subscription(message_class(kind), topic, partial(
-                self._guarded, self._keep, topic), qos, raw=True)
+            try:
+                self._subscribe(topic, known[topic][0])
+            except Exception as error:      # of a type, whose code may raise anything
+                self._keeper.uncaptured[topic] = ' '.join(str(error).split())
+            else:
+                self._keeper.uncaptured.pop(topic, None)
+                self._wanted.remove(topic)
+
+    def _subscribe(self, topic: str, kind: str) -> None:
+        """Subscribe to a topic that is captured only.
+
+        Raises:
+            UserError: its type is not installed.
+        """
+        latched = self._is_latched(topic)
+        learn(kind)
+        qos = QoSProfile(depth=DEPTH, reliability=ReliabilityPolicy.RELIABLE if latched
+                         else ReliabilityPolicy.BEST_EFFORT,
+                         durability=DurabilityPolicy.TRANSIENT_LOCAL if latched
+                         else DurabilityPolicy.VOLATILE)
+        self._node.create_subscription(message_class(kind), topic, partial(
+            self._guarded, self._keep, topic), qos, raw=True)
+        self._keeper.topics[topic] = (kind, latched)
+        if latched:
+            self._keeper.ring.latch(topic)
+
+    def _resolved(self, name: str) -> str:
+        """Name a wanted topic as it is subscribed to.
+
+        Raises:
+            UserError: it is no name of a topic.
+        """
+        with errors_name_topic(name):
+            validate_topic_name(name)
+            return str(self._node.resolve_topic_name(name))
 
     def _is_latched(self, topic: str) -> bool:
         return any(info.qos_profile.durability == DurabilityPolicy.TRANSIENT_LOCAL

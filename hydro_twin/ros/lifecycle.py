@@ -1,4 +1,4 @@
-"""Transitions that a lifecycle node does not have in its state, refused: rclpy would raise."""
+"""Refusal of transitions that a lifecycle node does not have in its state."""
 from __future__ import annotations
 
 from lifecycle_msgs.srv import ChangeState
@@ -6,7 +6,7 @@ from rclpy.lifecycle import LifecycleNode
 
 
 def refuse_impossible_transitions(node: LifecycleNode) -> None:
-    """Answer a request for a transition that there is not, as to activate an active node.
+    """Refuse transitions that the node's state does not have, such as activating an active node.
 
     rclpy checks those that are asked for by label. For one by id, as lifecycle managers ask, it
     raises in the callback, which ends the process.

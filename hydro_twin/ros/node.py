@@ -4,9 +4,11 @@ from __future__ import annotations
 from collections import deque
 from collections.abc import Callable, Sequence
 import contextlib
+from dataclasses import dataclass
 from functools import partial
 import gc
 from pathlib import Path
+from threading import Lock
 import time
 from typing import Any
 
@@ -22,13 +24,13 @@ from hydro_twin.errors import ModelError, UserError
 from hydro_twin.live.diagnostics import Diagnosis
 from hydro_twin.live.live import Feed, Live
 from hydro_twin.live.models import (
+    check_same_inputs,
     Choice,
     choices,
     load_twin,
     plant_of,
+    quick_refusal,
     same_file,
-    same_inputs,
-    taste,
 )
 from hydro_twin.live.outlet import Outlet
 from hydro_twin.live.twin import Twin
@@ -45,11 +47,21 @@ PERIOD = 1.0     # of the diagnostics [s]
 SUCCESS, FAILURE = TransitionCallbackReturn.SUCCESS, TransitionCallbackReturn.FAILURE
 
 
+@dataclass(frozen=True)
+class _Request:
+    """What the parameters asked for while something ran: the diagnosis of that, and the values."""
+
+    diagnosis: Diagnosis
+    model: Path
+    mode: str
+    follow: list[str]
+
+
 class TwinNode(LifecycleNode):
     """A managed node: configure loads the models, activate listens and publishes.
 
     Messages and requests are handled by the executor; a thread loads models and publishes
-    diagnostics. The two meet in a few attributes that are set whole: `_swaps`, `_restore`.
+    diagnostics. The two meet in a few attributes that are set whole: `_swaps`, `_refused`.
     """
 
     def __init__(self) -> None:
@@ -63,9 +75,12 @@ class TwinNode(LifecycleNode):
         self._mode = ''                       # as asked for
         self._swaps: deque[Twin] = deque()    # loaded, to take over at the next message
         self._follow: list[str] = []          # as asked for
-        self._restore: dict[str, Any] = {}    # what runs, after something else was refused
+        self._asked: _Request | None = None   # the newest request
+        self._refused: _Request | None = None     # the last that was refused
+        self._restoring = False               # parameters are set to what runs already
+        self._lock = Lock()    # held while models take over, or are forgotten
         self._timer: Timer | None = None      # of an active node
-        self._diagnosed = 0                   # when that was last done, by the node's clock [ns]
+        self._diagnosed = 0    # when that was last done, by the node's clock [ns]; 0: not yet
         self._starting = False                # by itself: who started it says what is wrong
         self._topics = Topics(self)
         self._signals = SignalParameters(self, self._parameter_overrides)
@@ -75,6 +90,8 @@ class TwinNode(LifecycleNode):
         self.add_post_set_parameters_callback(self._after_set)
         self._announcer = Announcer(self)
         self.create_service(Trigger, '~/reset', self._on_reset)
+        steady = Clock(clock_type=ClockType.STEADY_TIME)
+        self.create_timer(TICK, self._restore, clock=steady)   # in every state of the node
         self._worker = Worker(PERIOD, self._diagnose, lambda error: self.get_logger().error(
             f'off the hot path: {error!r}', throttle_duration_sec=60.0))
 
@@ -158,7 +175,7 @@ class TwinNode(LifecycleNode):
         self._follow = self.get_parameter('follow').value
         twins = self._load(self._chosen, self._mode, self._follow)
         for twin in twins:
-            same_inputs(twin, twins[0])
+            check_same_inputs(twin, twins[0])
         predictor = twins[0].predictor
         plant = self.get_parameter('plant').value
         if plant not in ('', predictor.plant.name):
@@ -170,6 +187,7 @@ class TwinNode(LifecycleNode):
                           self.get_parameter('wait').value)
         horizon = self.get_parameter('horizon').value
         self._outlets = [self._topics.outlet(twin, horizon) for twin in twins]
+        self._diagnosed = 0
         self._diagnosis = Diagnosis(self._live, twins)
         self._announcer.info(twins)
 
@@ -223,8 +241,10 @@ class TwinNode(LifecycleNode):
         self._topics.close()
         self._outlets = []
         self._live = None
-        self._diagnosis = None
-        self._swaps.clear()
+        self._asked = self._refused = None
+        with self._lock:
+            self._diagnosis = None
+            self._swaps.clear()
 
     # The hot path
 
@@ -269,10 +289,6 @@ class TwinNode(LifecycleNode):
         if self._live is not None and not stalled:
             self._live.tick(self.get_clock().now().nanoseconds)
             self._drain(self._live)
-        if self._restore:
-            self.set_parameters([Parameter(name, value=value)
-                                 for name, value in self._restore.items()])
-            self._restore = {}
 
     # Requests
 
@@ -322,14 +338,15 @@ class TwinNode(LifecycleNode):
                 plant_named(value)
             except UserError as error:
                 return str(error)
-        if not self._outlets or self._restore:
+        if not self._outlets or self._restoring:
             return ''
         if name in ('models', 'plant') or name.startswith('signals.'):
             return f'{name} can be set before the node is configured: clean it up first'
         if name == 'model':
             if self._chosen[0].name:
                 return 'the node was configured without a main model'
-            return taste(Path(value).expanduser(), self._outlets[0].twin.predictor.plant.name)
+            return quick_refusal(Path(value).expanduser(),
+                                 self._outlets[0].twin.predictor.plant.name)
         return ''
 
     def _after_set(self, parameters: Sequence[Parameter]) -> None:
@@ -339,41 +356,64 @@ class TwinNode(LifecycleNode):
             if values.keys() & {'model', 'models', 'plant'}:
                 self._declare_signals()
             return
-        if self._restore:
+        if self._restoring:
             return
         if 'wait' in values:
             self._live.aligner.bound_wait(values['wait'])
         if 'horizon' in values:
             for outlet in self._outlets:
                 outlet.horizon = values['horizon']
-        if values.keys() & {'model', 'mode', 'follow'}:
-            model = self._chosen[0].path if 'model' not in values else values['model']
-            self._worker.do(partial(self._reload, Path(model).expanduser(),
-                                    *(self.get_parameter(n).value for n in ('mode', 'follow'))))
+        if values.keys() & {'model', 'mode', 'follow'} and self._diagnosis is not None:
+            model, mode, follow = (self.get_parameter(name).value
+                                   for name in ('model', 'mode', 'follow'))
+            first = self._chosen[0]
+            self._asked = _Request(self._diagnosis, first.path if first.name else
+                                   Path(model).expanduser(), mode, follow)
+            self._worker.do(partial(self._reload, self._asked))
+
+    def _restore(self) -> None:
+        """Set the parameters to what runs where the newest request was refused.
+
+        After an older one, they are still those of a request that may be granted.
+        """
+        refused, self._refused = self._refused, None
+        if refused is None or refused is not self._asked:
+            return
+        first = self._chosen[0]
+        runs = {'mode': self._mode, 'follow': self._follow,
+                **({} if first.name else {'model': str(first.path)})}
+        self._restoring = True
+        try:
+            self.set_parameters([Parameter(name, value=value) for name, value in runs.items()])
+        finally:
+            self._restoring = False
 
     # Off the hot path
 
-    def _reload(self, model: Path, mode: str, follow: list[str]) -> None:
+    def _reload(self, asked: _Request) -> None:
         """Load what has changed to take over from what runs, or leave that running."""
+        diagnosis, model, mode, follow = asked.diagnosis, asked.model, asked.mode, asked.follow
+        if self._diagnosis is not diagnosis:
+            return   # cleaned up meanwhile
         first, *others = self._chosen
         everywhere = (mode, follow) != (self._mode, self._follow)
         chosen = [Choice(first.name, model), *others]
-        diagnosis = self._diagnosis
-        if diagnosis is None:
-            return   # cleaned up meanwhile
         try:
             twins = self._load(chosen if everywhere else chosen[:1], mode, follow)
-            same_inputs(twins[0], diagnosis.twins[0])
+            check_same_inputs(twins[0], diagnosis.twins[0])
         except ModelError as error:
-            self.get_logger().error(f'refused, the model before it still runs: {error}')
-            self._announcer.event('refused', says=str(error))
-            self._restore = {'model': str(first.path), 'mode': self._mode, 'follow': self._follow}
+            if self._diagnosis is diagnosis:
+                self.get_logger().error(f'refused, the model before it still runs: {error}')
+                self._announcer.event('refused', says=str(error))
+                self._refused = asked
             return
-        self._chosen, self._mode, self._follow = chosen, mode, follow
-        self._swaps.extend(twins)
-        running = {twin.name: twin for twin in [*diagnosis.twins, *twins]}
-        self._diagnosis = Diagnosis(diagnosis.live, list(running.values()))
-        self._announcer.info(self._diagnosis.twins)
+        with self._lock:
+            if self._diagnosis is not diagnosis:
+                return   # cleaned up while it was loaded, which takes seconds
+            self._chosen, self._mode, self._follow = chosen, mode, follow
+            self._swaps.extend(twins)
+            diagnosis.replace(twins)
+        self._announcer.info(diagnosis.twins)
         self._announcer.event('swapped', model=str(model), mode=twins[0].mode)
         self.get_logger().info(f'{model} takes over, {twins[0].mode}')
 
@@ -383,7 +423,7 @@ class TwinNode(LifecycleNode):
         if diagnosis is None:
             return
         now = self.get_clock().now()
-        if self.get_parameter('use_sim_time').value and now.nanoseconds > self._diagnosed:
+        if self.get_parameter('use_sim_time').value and 0 < self._diagnosed < now.nanoseconds:
             elapsed = (now.nanoseconds - self._diagnosed) * 1e-9   # the bag's time
         self._diagnosed = now.nanoseconds
         self._topics.note_subscribers()

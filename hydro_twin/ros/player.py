@@ -47,8 +47,8 @@ def play(bag: Path, rate: float = 1.0, loop: bool = False, clock: bool = False,
 
     Raises:
         BagError: the bag cannot be read.
-        UserError: the rate is not above 0, a message type of the bag is not installed, or a ROS
-            argument is wrong.
+        UserError: the rate is not above 0, a bag without messages is to be played in a loop, a
+            message type of the bag is not installed, or a ROS argument is wrong.
     """
     if not rate > 0.0:
         raise UserError(f'rate {rate:g}: must be above 0')
@@ -65,6 +65,8 @@ def play(bag: Path, rate: float = 1.0, loop: bool = False, clock: bool = False,
         Parameter('start_type_description_service', value=False)])
     try:
         with opened(bag) as reader:
+            if loop and not reader.message_count:
+                raise UserError(f'{bag}: has no messages, so there is nothing to play in a loop')
             player = _Player(node, reader, rate, clock)
             with contextlib.suppress(KeyboardInterrupt):
                 player.run(loop)
@@ -120,7 +122,7 @@ class _Player:
 
 
 def _qos(connection: Any) -> QoSProfile:
-    """Publish reliably, and for late comers too what was recorded so."""
+    """Return a reliable QoS, transient local if the topic was recorded so."""
     latched = any(profile.durability.name == 'TRANSIENT_LOCAL'
                   for profile in connection.ext.offered_qos_profiles)
     return QoSProfile(depth=DEPTH, durability=DurabilityPolicy.TRANSIENT_LOCAL if latched

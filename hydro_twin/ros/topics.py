@@ -6,7 +6,7 @@ from contextlib import contextmanager
 from dataclasses import replace
 from typing import Any
 
-from rclpy.exceptions import NameValidationException, ParameterException
+from rclpy.exceptions import InvalidHandle, NameValidationException, ParameterException
 from rclpy.lifecycle import LifecycleNode, LifecyclePublisher
 from rclpy.node import Node
 from rclpy.qos import QoSProfile, ReliabilityPolicy
@@ -27,7 +27,7 @@ OVERRIDES = QoSOverridingOptions.with_default_policies()
 
 
 @contextmanager
-def blamed(topic: str) -> Iterator[None]:
+def errors_name_topic(topic: str) -> Iterator[None]:
     """Turn what rclpy raises for a name or a QoS override of the user's into a line.
 
     Raises:
@@ -38,6 +38,14 @@ def blamed(topic: str) -> Iterator[None]:
     except (RuntimeError, TypeError, ValueError, ParameterException,
             NameValidationException) as error:
         raise UserError(f'topic {topic}: {" ".join(str(error).split())}') from error
+
+
+def _count(count: Callable[[], int]) -> int:
+    """Ask one end of a topic for the others; 0 where another thread has just taken it away."""
+    try:
+        return count()
+    except InvalidHandle:
+        return 0
 
 
 class Topics:
@@ -61,7 +69,7 @@ class Topics:
         found: dict[str, SignalMap] = {}
         types: dict[str, str] = {}
         for name, where in signals.items():
-            with blamed(where.topic):
+            with errors_name_topic(where.topic):
                 validate_topic_name(where.topic)
                 topic = self._node.resolve_topic_name(where.topic)
             try:
@@ -80,7 +88,7 @@ class Topics:
         Raises:
             UserError: a QoS override is wrong.
         """
-        with blamed(feed.topic):
+        with errors_name_topic(feed.topic):
             self._inputs[feed.topic] = self._node.create_subscription(
                 message_class(feed.type), self._given[feed.topic], callback,
                 QoSProfile(depth=self._depth, reliability=ReliabilityPolicy.BEST_EFFORT), raw=True,
@@ -103,18 +111,18 @@ class Topics:
         """See for which twins somebody listens to what costs work."""
         for outlet, outputs in list(self._estimates):
             outlet.states_wanted, outlet.ahead_wanted, outlet.parameters_wanted = (
-                outputs[topic].get_subscription_count() > 0
+                _count(outputs[topic].get_subscription_count) > 0
                 for topic in ('states', 'ahead', 'parameters'))
 
     def _output(self, topic: str) -> Any:
-        with blamed(self._node.resolve_topic_name(topic)):
+        with errors_name_topic(self._node.resolve_topic_name(topic)):
             self._outputs.append(self._node.create_lifecycle_publisher(
                 JointState, topic, QoSProfile(depth=DEPTH), qos_overriding_options=OVERRIDES))
         return self._outputs[-1]
 
     def publishers(self) -> dict[str, int]:
         """Count who publishes on each topic that is listened to."""
-        return {topic: subscription.get_publisher_count()
+        return {topic: _count(subscription.get_publisher_count)
                 for topic, subscription in list(self._inputs.items())}
 
     def stop_listening(self) -> None:

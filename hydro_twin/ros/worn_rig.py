@@ -109,14 +109,16 @@ def publish(faster: float, times: Sequence[float]) -> None:
         executor.spin_once(timeout_sec=0.005)
 
 
-def main() -> None:
+def main(arguments: Sequence[str] | None = None) -> None:
     """Publish until interrupted."""
     parser = argparse.ArgumentParser(description=(__doc__ or '').splitlines()[0])
     parser.add_argument('--faster', type=float, default=1.0, help='than real time (default: 1)')
     parser.add_argument('--at', type=float, nargs='*', default=[],
                         help='when it begins to rub, and to have play [s]')
     parser.add_argument('--model', type=Path, help='a model file to write first')
-    args, _ = parser.parse_known_args()        # launch adds arguments of ROS
+    args, _ = parser.parse_known_args(arguments)        # launch adds arguments of ROS
+    if len(args.at) >= len(STAGES):
+        parser.error('--at takes at most two times')
     if args.model:
         first_model(args.model)
     try:

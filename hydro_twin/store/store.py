@@ -5,9 +5,9 @@
     models/0007/report.json     of the trace that it comes from, with report.html, if any
     champion, challenger        aliases: the version that runs, and the one that is judged
 
-A version's folder is made aside and renamed, an alias is a file that is replaced: at any moment
-of a kill, what a reader finds is whole. What a killed writer left has a name with a dot in front;
-readers pass it over and the next writer takes it away.
+A version's folder is made aside and renamed, an alias is a file that is replaced. Whenever a
+writer is killed, a reader finds whole files. What a killed writer left has a name with a dot in
+front; readers pass it over and the next writer takes it away.
 """
 from __future__ import annotations
 
@@ -252,7 +252,10 @@ class Store:
             raise StoreError(f'{error.filename or self.path}: {error.strerror}') from error
 
     def _mend(self, folder: Path) -> None:
-        """Take leftovers away, and note a move of the champion that a kill came in front of."""
+        """Remove leftovers, and mark an interrupted move of the champion.
+
+        That is its last move, if the alias does not show it.
+        """
         for left in [*folder.iterdir(), *folder.glob('*/.*'), *self.path.iterdir()]:
             if LEFT.fullmatch(left.name):
                 if left.is_dir():

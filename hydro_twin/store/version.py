@@ -75,11 +75,31 @@ def read_version(folder: Path) -> Version:
     path = folder / DECISION
     try:
         record = json.loads(path.read_text('utf-8'))
-        if not isinstance(record['decisions'], list):
-            raise TypeError('decisions')
+        _check(record)
     except (OSError, ValueError, KeyError, TypeError) as error:
         raise StoreError(f'{path}: damaged ({type(error).__name__}: {error})') from error
     return Version(folder.name, folder, record)
+
+
+def _check(record: Any) -> None:
+    """Refuse a record that lacks what its readers take as there.
+
+    Raises:
+        KeyError: an entry is missing.
+        TypeError: one is of another kind.
+        ValueError: a time is none, or nothing was decided.
+    """
+    if not isinstance(record['changed'], str):
+        raise TypeError('changed')
+    if not isinstance(record['decisions'], list):
+        raise TypeError('decisions')
+    if not record['decisions']:
+        raise ValueError('decisions: none, not even that it was entered')
+    for made in record['decisions']:
+        needed = ('what', 'when', 'by', *(('to',) if made['what'] == ROLLED_BACK else ()))
+        if wrong := [name for name in needed if not isinstance(made[name], str)]:
+            raise TypeError(wrong[0])
+        datetime.fromisoformat(made['when'])
 
 
 def entered(version: Version) -> datetime:

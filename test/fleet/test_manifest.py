@@ -95,6 +95,8 @@ def test_a_broken_bag_is_no_fault_of_the_manifest(folder):
 @pytest.mark.parametrize(('row', 'says'), [
     ('a,no_plant,a_1,', "no plant 'no_plant'"),
     ('a,control_valve,nothing_*,', "nothing matches 'nothing_*'"),
+    ('a,control_valve,runs/**.mcap,', "'runs/**.mcap' is no pattern of files"),
+    ('a,control_valve,.,', "nothing matches '.'"),
     ('a,control_valve,a_1,May', "date 'May' should read like"),
     ('a,control_valve,a_1,2026-13', "date '2026-13' should read like"),
     (',control_valve,a_1,', 'lacks name'),

@@ -40,6 +40,7 @@ class Loop:
         self.finds: Path | None = write(folder / 'found.yaml', FRICTION)
         self.now = 1000 * SECOND
         self.first = write(folder / 'first.yaml')
+        self.monkeypatch = monkeypatch
         monkeypatch.setattr(module, 'trace', self._trace)
         self.start()
         self.runs(self.first)

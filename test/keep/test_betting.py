@@ -7,7 +7,7 @@ import pytest
 from scipy.signal import lfilter
 
 from hydro_twin.keep.betting import Bet, least_gain, relative_gain, SHARES
-from hydro_twin.keep.duel import Duel, memory, Rules
+from hydro_twin.keep.duel import autocorrelation_time, Duel, Rules
 
 RATE = 500.0
 
@@ -41,7 +41,7 @@ def test_the_capital_is_the_average_of_the_products():
     for gain in gains:
         bet.take(float(gain))
     expected = np.mean([np.prod(1 + share * (gains - 0.05) / 1.05) for share in SHARES])
-    assert bet.value == pytest.approx(expected, rel=1e-9)
+    assert bet.e_value == pytest.approx(expected, rel=1e-9)
     with pytest.raises(ValueError, match='from -1 to 1'):
         bet.take(1.5)
 
@@ -53,7 +53,7 @@ def test_no_gain_is_expected_where_there_is_none():
         bet = Bet()
         for k in range(5):
             bet.take(1.0 if code >> k & 1 else -1.0)
-        values.append(bet.value)
+        values.append(bet.e_value)
     assert np.mean(values) == pytest.approx(1.0, rel=1e-12)
 
 
@@ -97,7 +97,7 @@ def _lots(duel, a, b):
     for pair in zip(*(x.tolist() for x in sums), strict=True):
         duel._sums, duel._count = list(pair), size
         duel._close()
-        if duel.better.log >= -math.log(duel.rules.alpha):
+        if duel.better.log_capital >= -math.log(duel.rules.alpha):
             return True
     return False
 
@@ -126,12 +126,12 @@ def test_a_gain_below_the_least_is_not_enough():
     assert least_gain(0.05) == pytest.approx((1 - 0.95) / (1 + 0.95))
 
 
-def test_memory_is_that_of_the_process():
+def test_autocorrelation_time_is_that_of_the_process():
     """For an AR(1) whose pole is p it is (1 + p) / (1 - p), the sum of its autocorrelation."""
     rng = np.random.default_rng(5)
     for pole in (0.0, 0.9, 0.98):
-        found = np.mean([memory(lfilter([1.0], [1.0, -pole], rng.standard_normal(20_000)))
-                         for _ in range(20)])
+        found = np.mean([autocorrelation_time(lfilter(
+            [1.0], [1.0, -pole], rng.standard_normal(20_000))) for _ in range(20)])
         assert found == pytest.approx(max((1 + pole) / (1 - pole), 1.0), rel=0.35)
 
 
@@ -142,7 +142,7 @@ def test_a_block_in_which_one_diverges_is_lost_by_it():
     for _ in range(40):
         duel.challenger.divergences += 1
         duel._close()
-    assert duel.worse.value > 1000.0
+    assert duel.worse.e_value > 1000.0
     assert duel.outcome == 'worse'
     assert [relative_gain(*pair) for pair in ((0.0, 0.0), (math.inf, 1.0), (1.0, math.inf),
                                               (3.0, 1.0))] == [0.0, 1.0, -1.0, 0.5]

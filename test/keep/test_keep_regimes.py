@@ -25,7 +25,7 @@ def run(loop: Loop, motion: float, older: float, newer: float, seconds: float) -
     loop.tick()       # so that a new champion is noticed
     loop.until(lambda: loop.keeper.judge.duel is not None)
     judge = loop.keeper.judge
-    pair = (older, newer) if judge.tries else (newer, older)
+    pair = (older, newer) if judge.on_trial else (newer, older)
     for k in range(round(seconds * 500)):
         if judge.duel is None:
             return
@@ -105,7 +105,7 @@ def test_recordings_say_nothing_against_another_champion(loop: Loop) -> None:
     loop.known = replace(KNOWN, holds={LITTLE: 1e6})
     loop.tick(2)
     loop.keeper.ask(loop.now, 'a test')
-    loop.until(lambda: loop.keeper.judge.tries)
+    loop.until(lambda: loop.keeper.judge.on_trial)
     store = loop.keeper.store
     store.promote(store.enter(loop.first, 'me').name, 'me')
     run(loop, 10.0, 16.0, 1.0, 30.0)
@@ -137,7 +137,7 @@ def test_regimes_that_cannot_be_read_are_one_line(loop: Loop) -> None:
     loop.values['trial'] = 1e6
     loop.tick(2)
     loop.keeper.ask(loop.now, 'a test')
-    loop.until(lambda: loop.keeper.judge.tries)
+    loop.until(lambda: loop.keeper.judge.on_trial)
     folder = loop.keeper.store.version('0002').folder
     (folder / 'regimes.json').write_text('{"grid": 1}')
     loop.start()

@@ -1,16 +1,23 @@
 """The loop without ROS: from an event to a promotion, and what else may happen on the way."""
 from __future__ import annotations
 
+from dataclasses import replace
 import json
+from pathlib import Path
 import re
 
 from keep_loop import Loop
 import pytest
+from store_models import PLANT, write
 
 from hydro_twin.errors import UserError
-from hydro_twin.keep.limits import parse
+from hydro_twin.keep import keeper as module
+from hydro_twin.keep.duel import in_one_mode
+from hydro_twin.keep.limits import check_names, parse
 from hydro_twin.keep.ring import SECOND
 from hydro_twin.keep.settings import SETTINGS
+from hydro_twin.live.models import Choice, load_twin
+from hydro_twin.model import Noise, read_model, write_model
 from hydro_twin.recording.digest import source_of
 from hydro_twin.store.history import rows
 from hydro_twin.store.lineage import recordings
@@ -85,6 +92,20 @@ def test_beyond_its_limits_a_model_is_only_recommended(loop: Loop, most, champio
         assert loop.keeper.promote('me') == 'version 0002 is the champion'
 
 
+def test_a_limit_of_no_parameter_is_refused_and_leaves_no_model_to_the_evidence(loop: Loop,
+                                                                                ) -> None:
+    for limits in (['B_m=1..2', 'D_m=0..1'], ['friction@motor:coulomb=0..20'], []):
+        check_names(parse(limits), PLANT)
+    with pytest.raises(UserError, match='no parameter B_mm; load_simulator has V_m, J, K_p'):
+        check_names(parse(['B_m=1..2', 'B_mm=10..100']), PLANT)
+    loop.values['limits'] = ('B_mm=10..100',)
+    loop.tick(2)
+    loop.keeper.ask(loop.now, 'a test')
+    loop.judged(4.0, 1.0)
+    assert (loop.champion(), loop.events()[-1]) == ('0001', 'recommended')
+    assert 'no parameter B_mm' in loop.announced[-1][1]['why']
+
+
 @pytest.mark.parametrize('entry', ['B_m', 'B_m=1', '=1..2', 'B_m=2..1', 'B_m=a..b', 'B_m=1..2..3'])
 def test_limits_that_are_none_are_refused(entry: str) -> None:
     assert parse(['', 'B_m=-1..2e3']) == {'B_m': (-1.0, 2000.0)}
@@ -144,7 +165,7 @@ def test_a_trace_that_fails_is_one_line_and_the_next_event_is_not_lost(loop: Loo
     assert json.loads(outcome.read_text())['outcome'].startswith('failed')
     loop.finds = found
     loop.keeper.ask(loop.now, 'two')
-    loop.until(lambda: loop.keeper.judge.tries)
+    loop.until(lambda: loop.keeper.judge.on_trial)
     assert 'it holds no' not in loop.said()
     loop.keeper.ask(loop.now, 'three')      # while one is judged
     loop.until(lambda: len(loop.keeper.waiting) == 1)
@@ -154,10 +175,56 @@ def test_a_trace_that_fails_is_one_line_and_the_next_event_is_not_lost(loop: Loo
     assert loop.keeper.store.challenger.name == '0003'
 
 
+def test_where_the_champion_changes_during_a_trace_it_is_traced_again(loop: Loop) -> None:
+    loop.tick(2)
+    store = loop.keeper.store
+    other = store.enter(write(loop.folder / 'other.yaml', J=(0.1, 0.001)), 'me')
+    trace = loop._trace
+
+    def meanwhile(*arguments: object) -> Path:
+        if store.champion.name == '0001':
+            store.promote(other.name, 'me')
+        return trace(*arguments)
+
+    loop.monkeypatch.setattr(module, 'trace', meanwhile)
+    loop.keeper.ask(loop.now, 'a test')
+    loop.until(lambda: 'traced' in loop.events())
+    assert loop.events().count('tracing') == 2
+    assert [version.name for version in store.versions()] == ['0001', '0002', '0003']
+    assert store.challenger.parent == loop.keeper.judge.pair.champion.name == '0002'
+
+
+def test_a_model_without_its_noise_and_the_observer_are_judged_in_one_mode(loop: Loop) -> None:
+    loop.values['mode'] = 'observer'
+    noise = Noise(1.0, {'x_v': 1e-6, 'p_L': 1e5, 'omega_j': 0.1},
+                  {'x_v': 1e-5, 'p_L': 1e6, 'omega_j': 0.1, 'theta_j': 0.01})
+    write_model(replace(read_model(loop.first), noise=noise), loop.first)
+    loop.runs(loop.first)
+    loop.tick(2)
+    judge = loop.keeper.judge
+    judge.challenge(loop.keeper.champion, loop.keeper.store.enter(loop.finds, 'me'))
+    loop.until(lambda: judge.duel is not None)
+    assert judge.duel.champion.mode == judge.duel.challenger.mode == 'one_step'
+    assert judge.duel.champion.about['mode'] == 'one_step'
+    one, other = (load_twin(Choice('', loop.first), 'observer') for _ in range(2))
+    assert in_one_mode(one, other) == (one, other)
+
+
+def test_a_predecessor_that_cannot_be_run_is_said(loop: Loop) -> None:
+    loop.tick(2)
+    loop.keeper.ask(loop.now, 'a test')
+    loop.judged(4.0, 1.0)
+    assert loop.champion() == '0002'
+    loop.keeper.store.version('0001').model_file.write_text('damaged')
+    loop.until(lambda: 'fault' in loop.events())
+    (says,) = [about['says'] for event, about in loop.announced if event == 'fault']
+    assert says.startswith('version 0002 is not judged against its predecessor 0001: ')
+
+
 def test_after_a_restart_it_goes_on(loop: Loop) -> None:
     loop.tick(2)
     loop.keeper.ask(loop.now, 'a test')
-    loop.until(lambda: loop.keeper.judge.tries)
+    loop.until(lambda: loop.keeper.judge.on_trial)
     loop.keeper.ask(loop.now, 'another')
     loop.until(lambda: bool(loop.keeper.waiting))
     loop.start()                            # as after a kill, while a challenger is judged
@@ -254,7 +321,7 @@ def test_a_store_that_is_damaged_meanwhile_is_told_and_survived(loop: Loop) -> N
 
 def test_the_stretch_begins_when_the_rise_has_settled(loop: Loop) -> None:
     for k in range(100):
-        loop.keeper.passed(loop.now + k * SECOND, 5000 * SECOND + 3 * k * SECOND)
+        loop.keeper.note_time(loop.now + k * SECOND, 5000 * SECOND + 3 * k * SECOND)
     now = loop.now + 100 * SECOND
     loop.keeper.refit(now, REFIT | {'settled': 5000 * SECOND + 150 * SECOND})
     assert loop.keeper.capture.wanted.begin == loop.now + 50 * SECOND

@@ -2,6 +2,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 import json
 import math
 from pathlib import Path
@@ -13,11 +14,12 @@ from store_models import model, PLANT, write
 
 from hydro_twin.commands.main import main
 from hydro_twin.keep.duel import Duel, Rules
+from hydro_twin.keep.recorded import compare
 from hydro_twin.keep.regime_bets import Regimes
 from hydro_twin.keep.regimes import Grid, grid_of, Known, regime, seen
 from hydro_twin.live.monitor import RISE
 from hydro_twin.live.twin import Twin
-from hydro_twin.model import Model
+from hydro_twin.model import Model, Noise
 from hydro_twin.plants import plant_named
 from hydro_twin.recording.series import Recording, Series
 from hydro_twin.recording.signals import load_signals
@@ -174,9 +176,23 @@ def test_a_model_that_diverges_in_a_regime_is_worse_there(moved: Series) -> None
     for _ in range(12):
         for _ in range(100):
             regimes.add(np.zeros(2), 0.0, 125, 1.0, 1.0)
-        regimes.lose(older=False, newer=True)
+        regimes.note_divergence(older=False, newer=True)
     (name,) = regimes.worse(0.01)
     assert regimes.compared(name) == 'it diverges'
+
+
+def test_models_that_were_asked_for_the_observer_are_compared_in_one_mode() -> None:
+    """One of them lacks its noise, so it runs one_step: so must the other."""
+    series = rig([0.1], 16.0)
+    noise = Noise(1.0, {'x_v': 1e-6, 'p_L': 1e5, 'omega_j': 0.1},
+                  {'x_v': 1e-5, 'p_L': 1e6, 'omega_j': 0.1, 'theta_j': 0.01})
+    champion = Twin('', replace(TRUE, noise=noise).predictor(), 'observer')
+    known, regimes = compare(champion, Twin('', TRUE.predictor(), 'one_step'),
+                             Recording((series,)), Recording((series,)))
+    assert known.mode == 'one_step'
+    assert any(one.samples for one in regimes.found.values())
+    for one in regimes.found.values():
+        assert one.totals[0] == one.totals[1]
 
 
 @pytest.mark.slow

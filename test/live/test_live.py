@@ -12,7 +12,7 @@ import pytest
 from hydro_twin.errors import ModelError
 from hydro_twin.live.diagnostics import Diagnosis, Level
 from hydro_twin.live.live import Live
-from hydro_twin.live.models import choices, load_twin, same_inputs, taste
+from hydro_twin.live.models import check_same_inputs, choices, load_twin, quick_refusal
 from hydro_twin.live.outlet import Outlet
 from hydro_twin.live.reader import Reader
 from hydro_twin.live.twin import Twin
@@ -236,6 +236,78 @@ def test_a_dead_topic_is_stale() -> None:
     assert [s.level for s in statuses[:2]] == [Level.STALE, Level.STALE]
 
 
+def test_only_malformed_messages_are_an_error_after_good_ones_too() -> None:
+    sink = Sink()
+    sink.run(range(20))
+    diagnosis = Diagnosis(sink.live, [])
+    diagnosis.statuses(0, 1.0, {})
+    for _ in range(5):
+        sink.feed(1, b'')
+    levels = {s.part: s.level for s in diagnosis.statuses(0, 1.0, {})}
+    assert levels['input /joint_states'] == Level.ERROR
+    sink.run(range(20, 40))
+    levels = {s.part: s.level for s in diagnosis.statuses(0, 1.0, {})}
+    assert levels['input /joint_states'] == Level.OK
+
+
+@pytest.mark.parametrize('pause', [1.003, 5.0])
+def test_a_slow_topic_is_silent_only_after_some_of_its_pauses(pause: float) -> None:
+    second = 10 ** 9
+    live = Live(PLANT, SIGNALS, pause, 0.1)
+    twin = Twin('', Echo(model(), sample_time=pause), 'one_step')
+    diagnosis = Diagnosis(live, [twin])
+    levels: list[Level] = []
+    sent, last = 0, 0.0
+    for now in range(1, 140):
+        while sent * pause <= min(now, 100):
+            last = sent * pause
+            stamp = START + round(last * second)
+            for feed, payload in zip(live.feeds, (
+                    joint_state(stamp, ['valve'], [1.0]),
+                    joint_state(stamp, ['shaft'], [1.0], [1.0])), strict=True):
+                live.take(feed, payload, lambda: 0)
+            live.tick(round(last * second))
+            twin.step(stamp, np.zeros(2), 1.0)
+            sent += 1
+        statuses = diagnosis.statuses(now * second, 1.0, {})
+        if now > 2 * pause:
+            levels.append(max(s.level for s in statuses if s.part != 'time'))
+            if now > last + 3.0 * pause:
+                assert [s.level for s in statuses if s.part.startswith('input')] == [
+                    Level.STALE, Level.STALE]
+                assert statuses[-1].message == 'no predictions: waiting for inputs'
+    assert set(levels[:90]) == {Level.OK}
+    assert levels[-1] == Level.STALE
+
+
+def test_missing_predictions_are_said_but_not_one_more_or_less() -> None:
+    twin = Twin('', Echo(model(), sample_time=0.5), 'one_step')
+    diagnosis = Diagnosis(Live(PLANT, SIGNALS, 0.5, 0.1), [twin])
+    for made, level in ((0, Level.WARN), (3, Level.OK), (1, Level.OK), (0, Level.WARN)):
+        twin.predictions += made
+        assert diagnosis.statuses(0, 1.0, {})[-1].level == level
+    fast = Twin('', Echo(model()), 'one_step')
+    diagnosis.replace([fast])
+    fast.predictions += 400
+    assert diagnosis.statuses(0, 1.0, {})[-1].message == '400.0 of 500 predictions a second'
+
+
+def test_the_counters_go_on_where_a_twin_is_replaced() -> None:
+    sink = Sink()
+    twins = [Twin(name, Echo(model()), 'one_step') for name in ('', 'other', '')]
+    diagnosis = Diagnosis(sink.live, twins[:2])
+    sink.run(range(500))
+    sink.feed(1, b'')
+    diagnosis.statuses(0, 1.0, {})
+    sink.run(range(500, 1000))
+    diagnosis.replace(twins[2:])
+    assert list(diagnosis.twins) == [twins[2], twins[1]]
+    statuses = diagnosis.statuses(0, 1.0, {})
+    assert [(s.values['rate [Hz]'], s.message) for s in statuses[:2]] == [
+        ('500.0', 'coming in'), ('500.0', 'coming in')]
+    assert twins[0] not in {owner for owner, _ in diagnosis._last}
+
+
 def test_two_publishers_on_one_topic_are_said() -> None:
     sink = Sink()
     for k in range(50):
@@ -379,15 +451,15 @@ def test_models_are_named(tmp_path: object) -> None:
 def test_a_model_of_another_plant_is_refused(tmp_path) -> None:   # type: ignore[no-untyped-def]
     good = tmp_path / 'good.yaml'
     write_model(model(), good)
-    assert taste(good, 'load_simulator') == ''
-    assert 'the node runs cylinder' in taste(good, 'cylinder')
-    assert 'No such file' in taste(tmp_path / 'absent.yaml', 'cylinder')
+    assert quick_refusal(good, 'load_simulator') == ''
+    assert 'the node runs cylinder' in quick_refusal(good, 'cylinder')
+    assert 'No such file' in quick_refusal(tmp_path / 'absent.yaml', 'cylinder')
     (tmp_path / 'noise').write_bytes(b'\xff\x00' * 50)
-    assert 'not a model file' in taste(tmp_path / 'noise', 'load_simulator')
+    assert 'not a model file' in quick_refusal(tmp_path / 'noise', 'load_simulator')
     twin = load_twin(choices(str(good), [])[0], 'one_step')
     slow = Twin('slow', Echo(model(), sample_time=0.01), 'one_step')
     with pytest.raises(ModelError, match='sample_time'):
-        same_inputs(slow, twin)
+        check_same_inputs(slow, twin)
 
 
 @pytest.mark.parametrize(('noise', 'mode'), [

@@ -4,6 +4,8 @@ from __future__ import annotations
 from dataclasses import replace
 import json
 import math
+import sys
+import threading
 import time
 
 from live_rig import SIGNALS
@@ -16,7 +18,7 @@ from hydro_twin.live.diagnostics import Diagnosis
 from hydro_twin.live.live import Live
 from hydro_twin.live.locate import change, integrated, locate
 from hydro_twin.live.location import Location
-from hydro_twin.live.locator import EARLY, HELD_BACK, KEPT, LEAD, LEAST, Locator, SPAN
+from hydro_twin.live.locator import EARLY, HELD_BACK, KEPT, LEAD, LEAST, Locator, SPAN, YIELD
 from hydro_twin.live.monitor import LEARN, Rise
 from hydro_twin.live.signatures import curve, KNOTS, LAGS, lags, LOOPS, loops
 from hydro_twin.live.twin import Twin
@@ -137,7 +139,7 @@ def test_the_walk_is_the_textbooks_augmented_kalman_filter() -> None:
         expected.append((innovation, variance))
     e, v = np.array(expected).T
     np.testing.assert_allclose(seen.innovation, e / np.sqrt(v), atol=1e-6)
-    assert seen.likelihood(50) == pytest.approx(-0.5 * np.sum((np.log(v) + e * e / v)[50:]))
+    assert seen.log_likelihood(50) == pytest.approx(-0.5 * np.sum((np.log(v) + e * e / v)[50:]))
 
 
 def test_integrated_coefficients_are_the_likelihood_of_correlated_noise() -> None:
@@ -267,6 +269,52 @@ def test_of_a_fault_older_than_the_samples_the_last_are_taken(monkeypatch) -> No
         time.sleep(0.001)
     (_, inputs, measured, first, last), = asked
     assert (len(inputs), measured[-1], first, last) == (SPAN, 2 * KEPT - 1, 0, 0)
+
+
+def test_threads_take_turns_as_before_once_the_last_location_is_found(monkeypatch) -> None:
+    usual = sys.getswitchinterval()
+    go_on = [threading.Event(), threading.Event()]
+    waiting = iter(go_on)
+    lock = threading.Lock()
+
+    def slow(*_) -> Location:
+        with lock:
+            mine = next(waiting)
+        assert mine.wait(10.0)
+        return Location()
+
+    monkeypatch.setattr('hydro_twin.live.locate.locate', slow)
+    locators = [Locator(MODEL), Locator(MODEL)]
+    for locator in locators:
+        for k in range(SPAN + LEAST):
+            locator.add(k, np.zeros(2), float(k))
+        locator.take(Rise(0, 0, 0, 1.0, 0.5))
+        locator.located()
+        assert locator.at_work
+    for event, during in zip(go_on, (YIELD, usual), strict=True):
+        assert sys.getswitchinterval() == pytest.approx(YIELD)
+        event.set()
+        left = sum(not one.is_set() for one in go_on)
+        while sum(locator._thread.is_alive() for locator in locators) > left:
+            time.sleep(0.001)
+        assert sys.getswitchinterval() == pytest.approx(during)
+
+
+def test_a_reset_while_the_residual_is_judged_leaves_what_begins_alone(monkeypatch) -> None:
+    """The node resets in one thread and judges in another."""
+    twin = Twin('', Analytical(MODEL), 'observer')
+    monitor, found = twin.monitor, Rise(0, 0, 0, 1.0, 0.5)
+
+    def judge() -> Rise:
+        twin.start_over()
+        return found
+
+    monkeypatch.setattr(monitor, 'judge', judge)
+    before = twin._locator
+    assert twin.judge() is None
+    assert before is not twin._locator
+    assert before._rise is found
+    assert twin._locator._rise is None
 
 
 @pytest.mark.slow

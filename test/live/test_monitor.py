@@ -5,7 +5,14 @@ import numpy as np
 import pytest
 from scipy.signal import lfilter
 
-from hydro_twin.live.monitor import BATCH, Colour, design, LEARN, Monitor, square_noise
+from hydro_twin.live.monitor import (
+    BATCH,
+    design,
+    LEARN,
+    Monitor,
+    relative_long_run_variance,
+    WhitenessCusum,
+)
 
 DT = 0.002
 RATE = round(BATCH / DT)
@@ -37,7 +44,7 @@ def watch(residual: np.ndarray, promised: float = 1.0) -> tuple[Monitor, list[fl
 
 def test_white_noise_has_the_textbook_variance_of_squares() -> None:
     rng = np.random.default_rng(1)
-    found = [square_noise(rng.normal(size=LEARN)) for _ in range(100)]
+    found = [relative_long_run_variance(rng.normal(size=LEARN)) for _ in range(100)]
     assert 2.0 <= np.mean(found) <= 2.0 * 2.0 * 1.1   # an upper limit of twice the estimate
 
 
@@ -101,7 +108,17 @@ def test_the_hot_path_only_sums() -> None:
     assert monitor.judge() is None
 
 
-def alarm_after(colour: Colour, residual: np.ndarray, learned: int = 33) -> int | None:
+def test_the_residual_of_a_plant_slower_than_a_batch_is_judged() -> None:
+    rng = np.random.default_rng(4)
+    monitor = Monitor(1.0, 5.0)
+    for k, value in enumerate([*rng.normal(size=LEARN), *(3.0 * rng.normal(size=2000))]):
+        monitor.add(k * 5_000_000_000, float(value))
+    rise = monitor.judge()
+    assert rise is not None
+    assert rise.begin > 0.9 * LEARN * 5_000_000_000
+
+
+def alarm_after(colour: WhitenessCusum, residual: np.ndarray, learned: int = 33) -> int | None:
     """Feed batches of a second; returns the first one with an alarm."""
     batches = residual[:len(residual) // RATE * RATE].reshape(-1, RATE)
     for k, batch in enumerate(batches):
@@ -111,8 +128,8 @@ def alarm_after(colour: Colour, residual: np.ndarray, learned: int = 33) -> int 
 
 
 def test_white_noise_is_no_colour_in_twelve_hours() -> None:
-    assert alarm_after(Colour(BATCH), np.random.default_rng(6).normal(size=12 * 3600 * RATE)
-                       ) is None
+    white = np.random.default_rng(6).normal(size=12 * 3600 * RATE)
+    assert alarm_after(WhitenessCusum(BATCH), white) is None
 
 
 def test_the_colour_of_a_residual_is_found_within_seconds_at_the_same_level() -> None:
@@ -123,7 +140,7 @@ def test_the_colour_of_a_residual_is_found_within_seconds_at_the_same_level() ->
         white = rng.normal(size=60 * RATE)
         memory = DT / -np.log(np.sqrt(0.1))
         residual = np.r_[white, noise(60, memory, rng)]
-        found = alarm_after(Colour(BATCH), residual)
+        found = alarm_after(WhitenessCusum(BATCH), residual)
         assert found is not None
         delays.append(found - 60)
     assert 0 <= np.mean(delays) < 5
@@ -131,9 +148,9 @@ def test_the_colour_of_a_residual_is_found_within_seconds_at_the_same_level() ->
 
 def test_a_residual_that_always_was_coloured_is_watched_for_more() -> None:
     rng = np.random.default_rng(8)
-    assert alarm_after(Colour(BATCH), noise(3600, 0.002, rng)) is None
+    assert alarm_after(WhitenessCusum(BATCH), noise(3600, 0.002, rng)) is None
     more = np.r_[noise(60, 0.002, rng), noise(120, 0.02, rng)]
-    assert 60 <= (alarm_after(Colour(BATCH), more) or 0) < 80
+    assert 60 <= (alarm_after(WhitenessCusum(BATCH), more) or 0) < 80
 
 
 def test_the_monitor_of_an_observer_says_that_it_is_the_colour() -> None:

@@ -17,10 +17,11 @@ from hydro_twin.errors import UserError
 from hydro_twin.fitting.output_error import free_run
 from hydro_twin.inference.evaluate import result_of
 from hydro_twin.inference.limits import without_unreached
-from hydro_twin.model import load_predictor, read_model
+from hydro_twin.model import load_predictor, place, read_model
 from hydro_twin.predictors import kernel
 from hydro_twin.predictors.scores import errors_of
 from hydro_twin.report import trace_files
+from hydro_twin.report.summary import sentence
 from hydro_twin.report.trace_files import write_files
 
 
@@ -48,6 +49,14 @@ def written(found, tmp_path_factory):
 
 def names(folder):
     return sorted(str(path.relative_to(folder)) for path in folder.rglob('*') if path.is_file())
+
+
+def test_where_nothing_is_missing_it_is_said_of_which_model(nothing):
+    fits = replace(nothing, verdict='nothing_missing', fails=False)
+    assert 'the linear model leaves' in sentence(fits)
+    friction = place('friction', 'motor', {'coulomb': 20.0}, fits.plant)
+    started = replace(fits, before=replace(fits.before, effects=(friction,)))
+    assert 'the model it started from leaves' in sentence(started)
 
 
 def test_a_run_that_diverges_is_reported_and_nothing_is_lost(found, tmp_path):

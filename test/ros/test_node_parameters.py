@@ -11,6 +11,7 @@ import pytest
 rclpy = pytest.importorskip('rclpy')
 
 from rclpy.parameter import Parameter  # noqa: E402,I100
+from rclpy.time import Time  # noqa: E402
 from ros_rig import own_domain  # noqa: E402
 
 from hydro_twin.errors import UserError  # noqa: E402
@@ -79,10 +80,173 @@ def test_what_is_refused_once_it_is_loaded_goes_back_to_what_runs(tmp_path: Path
         node._worker.stop()     # which loads by itself
         for value in (['Kv'], ['tau', 'K_v']):
             assert set_(node, 'follow', value).successful
-            node._reload(path, 'observer', value)
-            node._on_tick()
+            node._reload(node._asked)
+            node._restore()
             assert node.get_parameter('follow').value == (['tau'] if 'Kv' in value else value)
             assert node.get_parameter('mode').value == 'observer'
+
+
+@contextlib.contextmanager
+def by_hand(model: Path, monkeypatch: pytest.MonkeyPatch, *arguments: str,
+            ) -> Iterator[tuple[TwinNode, list[Any]]]:
+    """Make an active node, and collect the jobs of its thread instead of doing them."""
+    with running('-p', f'model:={model}', '-p', 'mode:=one_step', *arguments) as node:
+        node.start()
+        node._worker.stop()
+        jobs: list[Any] = []
+        monkeypatch.setattr(node._worker, 'do', jobs.append)
+        yield node, jobs
+
+
+def runs(node: TwinNode) -> tuple[str, str]:
+    """Let what is loaded take over; say which file runs, and in which mode."""
+    node._swap()
+    for outlet in node._outlets:
+        outlet.restart()
+    (twin,) = {outlet.twin for outlet in node._outlets}
+    return str(twin.about['path']), twin.mode
+
+
+def parameters(node: TwinNode) -> tuple[str, str]:
+    return node.get_parameter('model').value, node.get_parameter('mode').value
+
+
+def copied(model: Path, name: str) -> Path:
+    copy = model.parent / f'{name}.yaml'
+    copy.write_text(f'{model.read_text("utf-8")}\n# {name}\n', 'utf-8')
+    return copy
+
+
+def damaged(model: Path) -> Path:
+    """Write a file that passes the first look, and cannot be loaded."""
+    bad = model.parent / 'damaged.yaml'
+    bad.write_text(model.read_text('utf-8').replace('sample_time:', 'sample_tame:'), 'utf-8')
+    return bad
+
+
+def test_parameters_that_are_set_one_by_one_are_what_runs_then(
+        model: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    other = copied(model, 'other')
+    with by_hand(model, monkeypatch) as (node, jobs):
+        assert set_(node, 'model', str(other)).successful
+        assert set_(node, 'mode', 'free_run').successful
+        for job in jobs:
+            job()
+        assert runs(node) == parameters(node) == (str(other), 'free_run')
+
+
+def test_without_a_main_model_the_mode_can_be_set_and_is_refused_alone(
+        model: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    with running('-p', f'models:=[one={model}]', '-p', 'mode:=one_step') as node:
+        node.start()
+        node._worker.stop()
+        jobs: list[Any] = []
+        monkeypatch.setattr(node._worker, 'do', jobs.append)
+        assert set_(node, 'mode', 'free_run').successful
+        jobs.pop()()
+        assert runs(node) == (str(model), 'free_run')
+        model.write_text('damaged', 'utf-8')
+        assert set_(node, 'mode', 'one_step').successful
+        jobs.pop()()
+        node._restore()
+        assert parameters(node) == ('', 'free_run')
+
+
+@pytest.mark.parametrize('inactive', [False, True])
+@pytest.mark.parametrize('restored', [0, 1, 2])
+def test_a_good_model_after_a_refused_one_runs_and_is_what_the_parameter_says(
+        model: Path, monkeypatch: pytest.MonkeyPatch, restored: int, inactive: bool) -> None:
+    bad, good = damaged(model), copied(model, 'good')
+    with by_hand(model, monkeypatch) as (node, jobs):
+        if inactive:
+            node.trigger_deactivate()
+        assert set_(node, 'model', str(bad)).successful
+        if restored:            # before the next is asked for; else after it
+            jobs.pop()()
+        if restored == 2:
+            node._restore()
+            assert parameters(node) == (str(model), 'one_step')
+        assert set_(node, 'model', str(good)).successful
+        while jobs:
+            jobs.pop(0)()
+            node._restore()
+        assert runs(node) == parameters(node) == (str(good), 'one_step')
+
+
+def test_what_was_refused_is_restored_in_every_state_and_forgotten_with_the_models(
+        model: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    bad = damaged(model)
+    with by_hand(model, monkeypatch) as (node, jobs):
+        node.trigger_deactivate()
+        assert set_(node, 'model', str(bad)).successful
+        jobs.pop()()
+        node._restore()
+        assert parameters(node) == (str(model), 'one_step')
+        assert set_(node, 'model', str(bad)).successful
+        jobs.pop()()
+        node.trigger_cleanup()
+        node._restore()
+        assert parameters(node)[0] == str(bad)
+        assert set_(node, 'model', str(model)).successful
+        assert set_(node, 'mode', 'free_run').successful
+        node.start()
+        assert not set_(node, 'plant', 'cylinder').successful    # which needs a cleanup
+        assert runs(node) == parameters(node)
+
+
+def test_what_is_loaded_while_the_node_is_cleaned_up_does_not_run(
+        model: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    with by_hand(model, monkeypatch) as (node, jobs):
+        load = node._load
+
+        def slow(*arguments: Any) -> Any:
+            twins = load(*arguments)
+            node.trigger_deactivate()
+            node.trigger_cleanup()
+            return twins
+
+        assert set_(node, 'model', str(copied(model, 'other'))).successful
+        monkeypatch.setattr(node, '_load', slow)
+        jobs[0]()
+        assert node._diagnosis is None
+        assert not node._swaps
+        monkeypatch.setattr(node, '_load', load)
+        assert set_(node, 'model', str(model)).successful
+        node.start()
+        jobs[0]()               # as if it had been queued until now
+        assert runs(node)[0] == str(model)
+
+
+def test_diagnostics_go_on_over_a_reload_and_by_the_clock_of_the_bag(
+        model: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    with by_hand(model, monkeypatch, '-p', 'use_sim_time:=true') as (node, jobs):
+        diagnosis = node._diagnosis
+        assert diagnosis is not None
+        elapsed: list[float] = []
+        monkeypatch.setattr(diagnosis, 'statuses', lambda now, time, publishers:
+                            elapsed.append(time) or [])
+        for second in (0, 1_700_000_000, 1_700_000_003):
+            node.get_clock().set_ros_time_override(Time(seconds=second))
+            node._diagnose(1.0)
+        assert elapsed == [1.0, 1.0, 3.0]
+        assert set_(node, 'model', str(copied(model, 'other'))).successful
+        jobs.pop()()
+        assert node._diagnosis is diagnosis
+        assert diagnosis.twins[0].about['path'].endswith('other.yaml')
+
+
+def test_topics_that_are_taken_away_meanwhile_count_nobody(model: Path) -> None:
+    with running('-p', f'model:={model}') as node:
+        node.start()
+        node._worker.stop()
+        subscriptions, outputs = dict(node._topics._inputs), list(node._topics._estimates)
+        node.trigger_deactivate()
+        node.trigger_cleanup()
+        node._topics._inputs.update(subscriptions)
+        node._topics._estimates.extend(outputs)
+        assert set(node._topics.publishers().values()) == {0}
+        node._topics.note_subscribers()
+        node._topics._inputs.clear()
 
 
 def test_signals_of_no_plant_say_what_to_set_first() -> None:

@@ -113,6 +113,24 @@ def test_what_does_not_belong_is_refused(tmp_path):
         store.versions()
 
 
+@pytest.mark.parametrize(('change', 'what'), [
+    ({'decisions': []}, 'decisions'), ({'decisions': ['entered']}, 'TypeError'),
+    ({'decisions': [{'what': 'entered', 'by': 'me'}]}, "'when'"),
+    ({'decisions': [{'what': 'entered', 'when': 'yesterday', 'by': 'me'}]}, 'yesterday'),
+    ({'decisions': [{'what': 'entered', 'when': '2026-05-03T10:00:00', 'by': None}]}, 'by'),
+    ({'decisions': [{'what': 'rolled back', 'when': '2026-05-03T10:00:00', 'by': 'me'}]}, "'to'"),
+    ({'changed': None}, 'changed')])
+def test_a_record_that_lacks_what_its_readers_need_is_damaged(tmp_path, capsys, change, what):
+    store = Store(tmp_path / 'store')
+    version = store.enter(write(tmp_path / 'a.yaml'), 'me')
+    (version.folder / 'decision.json').write_text(json.dumps({**version.record, **change}))
+    with pytest.raises(StoreError, match=r'decision\.json: damaged') as raised:
+        store.versions()
+    assert what in str(raised.value)
+    assert main(['history', str(store.path)]) == 2
+    assert 'damaged' in capsys.readouterr().err
+
+
 def test_the_verbs(tmp_path, capsys, monkeypatch):
     monkeypatch.chdir(tmp_path)
     write(tmp_path / 'a.yaml', J=(0.03, 0.001))
