@@ -18,7 +18,7 @@ from scipy.stats import mannwhitneyu
 import torch
 
 from hydro_twin.fitting.network import (
-    first_weights,
+    initial_weights,
     Job,
     Problem,
     train_batch,
@@ -26,14 +26,14 @@ from hydro_twin.fitting.network import (
 )
 from hydro_twin.fitting.rprop import (
     as_tensor,
-    FIRST,
+    ETA_MINUS,
+    ETA_PLUS,
     gradient,
-    GROW,
-    LARGEST,
+    INITIAL_STEP,
     layers,
-    LEAST,
+    MAX_STEP,
+    MIN_STEP,
     rprop,
-    SHRINK,
 )
 from hydro_twin.predictors.kind import Settings
 
@@ -61,7 +61,7 @@ def one_after_another(problem: Problem) -> list[float]:
         net = torch.nn.Sequential(torch.nn.Linear(14, 77), torch.nn.Tanh(),
                                   torch.nn.Linear(77, 77), torch.nn.Tanh(),
                                   torch.nn.Linear(77, 1))
-        start = torch.tensor(first_weights(sizes, seed), dtype=torch.float32)
+        start = torch.tensor(initial_weights(sizes, seed), dtype=torch.float32)
         for i, (matrix, bias) in enumerate(layers(start[None], sizes)):
             net[2 * i].weight.data = matrix[0].T.contiguous()
             net[2 * i].bias.data = bias[0, 0].clone()
@@ -89,7 +89,7 @@ def epochs(step: Callable[[torch.Tensor, torch.Tensor], Callable[[], object]], p
     torch.set_num_threads(1)
     sizes = [14, *SETTINGS.hidden, 1]
     x, y = (as_tensor(a, 'cpu') for a in problem.scaled(problem))
-    weights = as_tensor(first_weights(sizes, 0)[None], 'cpu')
+    weights = as_tensor(initial_weights(sizes, 0)[None], 'cpu')
     slope = torch.empty_like(weights)
     move = step(weights, slope)
     begin = processor_time()
@@ -101,13 +101,13 @@ def epochs(step: Callable[[torch.Tensor, torch.Tensor], Callable[[], object]], p
 
 def our_step(weights: torch.Tensor, slope: torch.Tensor) -> Callable[[], object]:
     return partial(rprop, weights, slope, torch.zeros_like(weights),
-                   torch.full_like(weights, FIRST))
+                   torch.full_like(weights, INITIAL_STEP))
 
 
 def torch_step(weights: torch.Tensor, slope: torch.Tensor) -> Callable[[], object]:
     weights.grad = slope
-    return torch.optim.Rprop([weights], lr=FIRST, etas=(SHRINK, GROW),
-                             step_sizes=(LEAST, LARGEST)).step
+    return torch.optim.Rprop([weights], lr=INITIAL_STEP, etas=(ETA_MINUS, ETA_PLUS),
+                             step_sizes=(MIN_STEP, MAX_STEP)).step
 
 
 def optimisers(problem: Problem) -> None:

@@ -286,9 +286,23 @@ def _analytical(model: Model, data: Data) -> Model:
         UserError: it is not one, or of another plant.
     """
     _check_plant(model, data)
-    if not kind_named(model.kind).analytical:
-        raise UserError(f'a model of kind {model.kind}; a trace starts from an analytical one')
+    check_analytical(model)
     return model.at(data.recording.sample_time)
+
+
+def check_analytical(model: Model, source: Path | None = None) -> None:
+    """Refuse a model with weights.
+
+    Args:
+        model: to check.
+        source: its file, if it has one, for the message.
+
+    Raises:
+        UserError: it is not an analytical one.
+    """
+    if not kind_named(model.kind).analytical:
+        where = '' if source is None else f'{source}: '
+        raise UserError(f'{where}a model of kind {model.kind}; an analytical one is needed')
 
 
 def _check_plant(model: Model, data: Data) -> None:

@@ -18,4 +18,4 @@ class DataError(UserError):
 
 
 class WorkerError(UserError):
-    """A process that shares the work ended by itself, as one that is killed for want of memory."""
+    """A worker process ended unexpectedly, for example killed because memory ran out."""

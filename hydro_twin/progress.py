@@ -49,7 +49,7 @@ def progress(what: str, total: int | None = None) -> Iterator[Step]:
 
 
 def _log(what: str) -> Step:
-    """Return what writes a line where the last one, or the begin, is a while ago."""
+    """Return a step that prints if LOGGED seconds have passed since the last, or the start."""
     begin = last = monotonic()
 
     def step(now: str = '', /) -> None:

@@ -1,4 +1,4 @@
-"""The request to end a node's process (SIGINT, SIGTERM), kept from before its slow imports on.
+"""The request to end a node's process (SIGINT, SIGTERM), remembered from before the slow imports.
 
 The exception that Python raises on SIGINT can be lost: where a signal falls into a callback of the
 interpreter, as imports have them, the exception is printed and ignored. In a callback of the

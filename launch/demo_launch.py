@@ -27,7 +27,7 @@ def demonstration(context):
     """Make the trace, and what starts when it is done."""
     del context
     folder = tempfile.mkdtemp(prefix='hydro_twin_')
-    # At the end of the process, for the trace and the twin outlast the shutdown of launch.
+    # At the end of the process, because the trace and the twin outlast the shutdown of launch.
     atexit.register(shutil.rmtree, folder, ignore_errors=True)
     share = FindPackageShare('hydro_twin')
     bag = PathJoinSubstitution([share, 'bags', 'rig_a'])

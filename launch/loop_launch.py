@@ -1,4 +1,4 @@
-"""A rig that rubs from minute 2 on and has play from minute 6 on, its twin, and `keep`."""
+"""A rig with friction from minute 2 and backlash from minute 6 on, its twin, and `keep`."""
 from pathlib import Path
 import sys
 import tempfile

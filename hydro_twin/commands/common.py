@@ -5,7 +5,6 @@ import argparse
 from collections.abc import Sequence
 from pathlib import Path
 import shlex
-import sys
 from typing import TYPE_CHECKING
 
 from hydro_twin.errors import UserError
@@ -33,9 +32,14 @@ def add_config_argument(parser: argparse.ArgumentParser) -> None:
                         help='ROS parameter file with signals and constants')
 
 
+def add_bags(parser: argparse.ArgumentParser) -> None:
+    """Add BAG..."""
+    parser.add_argument('bags', nargs='+', type=Path, metavar='BAG', help='a rosbag2 recording')
+
+
 def add_bag_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the bags to learn from, BAG..., and those to test on, --test."""
-    parser.add_argument('bags', nargs='+', type=Path, metavar='BAG', help='a rosbag2 recording')
+    add_bags(parser)
     parser.add_argument('--test', action='append', default=[], type=Path, metavar='BAG',
                         help='a recording to test on, may be repeated; '
                         'default: the first third of every series')
@@ -98,6 +102,6 @@ def data_from(args: argparse.Namespace, rig: Rig, earlier: Sequence[Path] = ()) 
     return read_data(args.bags, args.test, rig, progress, earlier)
 
 
-def command_line() -> str:
-    """Return the command as it was typed, for a model file."""
-    return shlex.join(['hydro-twin', *sys.argv[1:]])
+def command_line(args: argparse.Namespace) -> str:
+    """Return the command that `main` was given, for a model file."""
+    return shlex.join(['hydro-twin', *args.argv])

@@ -6,7 +6,7 @@ from dataclasses import asdict
 from pathlib import Path
 from typing import Any, TYPE_CHECKING
 
-from hydro_twin.commands.common import add_config_argument
+from hydro_twin.commands.common import add_bags, add_config_argument
 from hydro_twin.commands.verb import Verb
 from hydro_twin.progress import progress
 
@@ -16,7 +16,7 @@ if TYPE_CHECKING:
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the arguments of the verb."""
-    parser.add_argument('bags', nargs='+', type=Path, metavar='BAG', help='a rosbag2 recording')
+    add_bags(parser)
     parser.add_argument('--model', required=True, type=Path, metavar='MODEL',
                         help='an analytical model of this rig, as from refit or trace')
     add_config_argument(parser)
@@ -35,6 +35,7 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
     from hydro_twin.model import read_model
 
     model = read_model(args.model)
+    api.check_analytical(model, args.model)
     found = api.excitation(api.read(args.bags, model.plant, config=args.config, model=model,
                                     show=progress), model)
     return {'enough': found.enough, 'says': found.says, 'std_errors': dict(found.std_errors),

@@ -33,7 +33,8 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
 
     Returns:
         The bag's path, plant, number of tables, series and samples; the typical rate [Hz] and
-        the periods of the samples [s]; unit, least and greatest value of each signal.
+        the periods of the samples [s]; unit, least and greatest value of each signal that has
+        any.
 
     Raises:
         UserError: a table or the map file is wrong, or the bag exists already.
@@ -73,6 +74,11 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
              'origin': table_map.origin}
     with progress('writing'):
         write_recording(args.output, series, signals, about)
+    measured = {}
+    for name, unit in units.items():
+        values = np.concatenate([s[name] for s in series])
+        if np.isfinite(values).any():
+            measured[name] = {'unit': unit, 'min': np.nanmin(values), 'max': np.nanmax(values)}
     periods = np.concatenate([np.diff(s.stamps) for s in series]) * 1e-9
     low, typical, high = np.percentile(periods, [5, 50, 95])
     return {
@@ -83,10 +89,7 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
         'samples': sum(map(len, series)),
         'rate': round(1.0 / typical, 9),
         'periods': {'p5': low, 'median': typical, 'p95': high, 'longest': periods.max()},
-        'signals': {name: {
-            'unit': unit,
-            'min': min(np.nanmin(s[name]) for s in series),
-            'max': max(np.nanmax(s[name]) for s in series)} for name, unit in units.items()},
+        'signals': measured,
     }
 
 

@@ -65,6 +65,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
     except OSError as error:
         what = f'{error.filename}: {error.strerror}' if error.filename else str(error)
         return _fail(verb, what, 2)
+    except MemoryError:
+        return _fail(verb, 'not enough memory', 2)
     except KeyboardInterrupt:
         return _fail(verb, 'interrupted', 130)
     except Exception as error:
@@ -94,6 +96,7 @@ def _run(argv: list[str], verb: Command | None) -> int:
         subparsers.choices[verb.name].add_argument(
             '--json', action='store_true', help='print one JSON object, and nothing else')
     args = parser.parse_args(argv)
+    args.argv = argv
     if args.version:
         from importlib.metadata import version
         print(PROG, version('hydro_twin'))

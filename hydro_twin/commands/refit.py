@@ -97,19 +97,25 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
     """Fit a model and write it.
 
     Returns:
-        The model's path, its parameters, its errors on both parts, and between which errors
-        any one-step fit must lie, all in the output's unit.
+        The model's path, its parameters, its errors on both parts, and the one-step errors that
+        these are compared with, all in the output's unit.
+
+    Raises:
+        UserError: the model cannot be written there, or what is asked for does not go together.
     """
     from hydro_twin import api
-    from hydro_twin.fitting.refit import Request
+    from hydro_twin.fitting.refit import check_name, companion, Request
     from hydro_twin.model import read_model
 
     if not args.output.absolute().parent.is_dir():
         raise UserError(f'{args.output}: there is no folder {args.output.parent}')
+    if args.output.is_dir():
+        raise UserError(f'{args.output}: is a folder; a file is needed for the model')
+    check_name(args.output)
     request = Request(
         args.predictor, args.method, args.criterion, dict(args.fix), hidden=args.hidden,
         decay=args.decay, epochs=args.epochs, device=args.device, seed=args.seed,
-        search=args.output.with_suffix('.search.jsonl') if args.search else None)
+        search=companion(args.output, '.search.jsonl') if args.search else None)
     given = {option: path for option in plugins(GROUP, EffectOption)
              if (path := getattr(args, option.name))}
     request.check(effects=bool(given), base=bool(args.model))
@@ -119,7 +125,7 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
     rig.plant.holding(request.held)
     request = replace(request, effects=tuple(
         placed for option, path in given.items() for placed in option.effects(path, rig.plant)))
-    fitted = api.refit(data_from(args, rig), request, command=command_line(), show=progress)
+    fitted = api.refit(data_from(args, rig), request, command=command_line(args), show=progress)
     fitted.save(args.output)
     return {'model': str(args.output), **fitted.summary()}
 
@@ -156,9 +162,9 @@ def show(result: dict[str, Any], console: Console) -> None:
             continue
         table.add_row(mode.replace('_', ' '),
                       *(f'{result[part][mode]:.4g}' for part in ('train', 'test')))
-    for bound, says in (('unconstrained', 'one step, no physics'),
-                        ('persistence', 'one step, last sample')):
-        table.add_row(says, *(f'{result[bound][part]:.4g}' for part in ('train', 'test')))
+    for reference, says in (('unconstrained', 'one step, no physics'),
+                            ('persistence', 'one step, last sample')):
+        table.add_row(says, *(f'{result[reference][part]:.4g}' for part in ('train', 'test')))
     console.print(table)
     if len(result['outputs']) > 1:
         table = Table('free run', 'train', 'test', 'noise')

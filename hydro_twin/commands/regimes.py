@@ -6,7 +6,7 @@ from dataclasses import asdict
 from pathlib import Path
 from typing import Any, TYPE_CHECKING
 
-from hydro_twin.commands.common import add_config_argument
+from hydro_twin.commands.common import add_bags, add_config_argument
 from hydro_twin.commands.verb import Verb
 from hydro_twin.errors import UserError
 from hydro_twin.live.settings import MODES
@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the arguments of the verb."""
-    parser.add_argument('bags', nargs='+', type=Path, metavar='BAG', help='a rosbag2 recording')
+    add_bags(parser)
     parser.add_argument('--model', required=True, type=Path, metavar='MODEL',
                         help='the model that is used')
     parser.add_argument('--challenger', required=True, type=Path, metavar='MODEL',

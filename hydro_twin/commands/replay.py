@@ -35,7 +35,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add_config_argument(parser)
     parser.add_argument('--publish', action='store_true',
                         help="play the bag's topics into ROS instead, to drive a live node")
-    parser.add_argument('--rate', type=float, default=1.0,
+    parser.add_argument('--rate', type=float,
                         help='with --publish: times as fast as recorded (default: 1)')
     parser.add_argument('--loop', action='store_true',
                         help='with --publish: again and again, until stopped')
@@ -50,17 +50,31 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
 
     Returns:
         Samples, series and errors, each in the output's unit; or the messages played by topic.
+
+    Raises:
+        UserError: an option is not for what is asked, or a file cannot be written.
     """
+    playing = {'--rate': args.rate is not None, '--loop': args.loop, '--clock': args.clock,
+               '--ros-args': args.ros_args}
+    running = {'--model': args.model, '-o': args.output, '--picture': args.picture,
+               '--beside': args.beside, '--config': args.config}
     if args.publish:
+        _refuse(running, 'not with --publish, which plays the bag as it is')
         from hydro_twin.ros.player import play
-        return {'played': play(args.bag, args.rate, args.loop, args.clock, args.ros_args)}
-    if args.ros_args:
-        raise UserError('--ros-args are for --publish')
+        return {'played': play(args.bag, 1.0 if args.rate is None else args.rate, args.loop,
+                               args.clock, args.ros_args)}
+    _refuse(playing, 'for --publish only')
     if args.model is None:
         raise UserError('a --model is needed, or --publish')
     if args.beside and args.picture is None:
         raise UserError('--beside is for a --picture')
     return _replay(args.bag, args.model, args.output, args.config, args.picture, args.beside)
+
+
+def _refuse(options: Mapping[str, Any], why: str) -> None:
+    """Refuse options that are given; each has its value."""
+    if given := [name for name, value in options.items() if value]:
+        raise UserError(f'{", ".join(given)}: {why}')
 
 
 def _replay(bag: Path, model: Path, output: Path | None, config: Path | None,
@@ -71,6 +85,11 @@ def _replay(bag: Path, model: Path, output: Path | None, config: Path | None,
 
     if output is not None and output.exists():
         raise UserError(f'{output} exists already: it is not overwritten')
+    if picture is not None and picture.is_dir():
+        raise UserError(f'{picture}: is a folder; a file is needed for the picture')
+    for path in filter(None, (output, picture)):
+        if not path.parent.is_dir():
+            raise UserError(f'{path}: there is no folder {path.parent}')
     as_fitted = read_model(model)
     plant = as_fitted.plant
     for path in beside:

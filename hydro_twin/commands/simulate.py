@@ -2,6 +2,8 @@
 from __future__ import annotations
 
 import argparse
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, TYPE_CHECKING
 
@@ -16,10 +18,13 @@ from hydro_twin.errors import DataError, UserError
 from hydro_twin.progress import progress
 
 if TYPE_CHECKING:
+    from numpy.random import Generator
     from rich.console import Console
 
     from hydro_twin.effects import Placed
     from hydro_twin.plants import Plant
+    from hydro_twin.recording.rig import Rig
+    from hydro_twin.recording.series import Series
     from hydro_twin.simulation.excitation import Spec
     from hydro_twin.simulation.simulate import Excitation
 
@@ -71,18 +76,58 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add_seed_argument(parser)
 
 
-def run(args: argparse.Namespace) -> dict[str, Any]:
-    """Simulate every series, and write the bag; returns the truth, which the bag does not hold."""
-    import numpy as np
+@dataclass(frozen=True)
+class _Job:
+    """What is simulated, with which measurements.
 
-    from hydro_twin.model import place
+    Attributes:
+        values: parameters and constants of the plant, in SI units.
+        sensors: what else is measured -> its noise RMS; None: at the ratio of the output.
+        drives: for every series, what drives each input.
+        bursts: what is added to an input, in every series.
+    """
+
+    plant: Plant
+    values: dict[str, float]
+    effects: Sequence[Placed]
+    sample_time: float
+    sensors: Mapping[str, float | None]
+    drives: Sequence[Sequence[Spec]]
+    bursts: Sequence[tuple[str, Excitation]]
+
+
+def run(args: argparse.Namespace) -> dict[str, Any]:
+    """Simulate every series, and write the bag; returns the truth, which the bag does not hold.
+
+    Raises:
+        UserError: an option is wrong, or the bag exists already.
+        DataError: the plant diverges.
+    """
     from hydro_twin.recording.write import write_recording
-    from hydro_twin.simulation.excitation import make, Run, settings_of
-    from hydro_twin.simulation.sensor import measure
-    from hydro_twin.simulation.simulate import BLOCK, simulate
 
     rig = rig_from(args)
-    plant, sample_time = rig.plant, rig.clock.unrecorded
+    _check(args, rig.clock.unrecorded)
+    job = _job(args, rig)
+    plant, sensors = job.plant, job.sensors
+    series, truth = _simulated(args, job)
+    signals = rig.signals | {name: rig.sensors[name] for name in sensors}
+    write_recording(args.output, series, signals, {'origin': 'simulated, not measured'})
+    return {
+        'bag': str(args.output),
+        'plant': plant.name,
+        'sample_time': job.sample_time,
+        'samples': sum(map(len, series)),
+        'parameters': {p.name: {'value': job.values[p.name], 'unit': p.unit}
+                       for p in plant.parameters},
+        'constants': rig.constants,
+        'effects': [_described(placed) for placed in job.effects],
+        'series': truth,
+        'seed': args.seed,
+    }
+
+
+def _check(args: argparse.Namespace, sample_time: float) -> None:
+    """Refuse a bag that exists already, and numbers that make no recording."""
     if args.output.exists():
         raise UserError(f'{args.output} exists already: it is not overwritten')
     if not sample_time * 10 <= args.duration < float('inf'):
@@ -90,8 +135,17 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
                         f'{10 * sample_time:g} s')
     if not (0 <= args.noise < float('inf') and 0 <= args.quantisation < float('inf')):
         raise UserError('--noise and --quantisation must be finite, and not below zero')
-    parameters = plant.middle()
-    parameters |= dict(args.set)
+    if args.snr is not None and not abs(args.snr) < float('inf'):
+        raise UserError(f'--snr {args.snr:g}: must be finite')
+
+
+def _job(args: argparse.Namespace, rig: Rig) -> _Job:
+    """Read what is to be simulated."""
+    from hydro_twin.model import place
+    from hydro_twin.simulation.excitation import settings_of
+
+    plant, sample_time = rig.plant, rig.clock.unrecorded
+    parameters = plant.middle() | dict(args.set)
     plant.check(parameters)
     effects = []
     for text in args.effect:
@@ -102,57 +156,60 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
     if missing := sensors.keys() - rig.sensors.keys():
         raise UserError(f'{args.config}: no signal {", ".join(sorted(missing))}, which --sensor '
                         'asks for')
-    table = _excitations(args.excitation, plant, sample_time)
-    bursts = _bursts(args.burst, plant)
+    return _Job(plant, {**rig.constants, **parameters}, effects, sample_time, sensors,
+                _excitations(args.excitation, plant, sample_time), _bursts(args.burst, plant))
 
-    values = {**rig.constants, **parameters}
-    laws = plant.laws(values)
-    middle, largest = _reach(plant)
+
+def _simulated(args: argparse.Namespace, job: _Job) -> tuple[list[Series], list[dict[str, Any]]]:
+    """Simulate and measure every series; returns them, and what is true of each."""
+    import numpy as np
+
+    from hydro_twin.simulation.sensor import measure
+    from hydro_twin.simulation.simulate import BLOCK, simulate
+
+    output, step = job.plant.output.name, job.sample_time * 1e9
     rng = np.random.default_rng(args.seed)
-    series, truth, start = [], [], START
-    blocks = len(table) * round(args.duration / sample_time / BLOCK)
+    series: list[Series] = []
+    truth, start = [], START
+    blocks = len(job.drives) * round(args.duration / job.sample_time / BLOCK)
     with progress('simulating', blocks) as tick:
-        for specs in table:
-            inputs = {
-                signal.name: make(spec, Run(args.duration, rng), laws, column,
-                                  SHARES[column > 0] / SHARES[0] * largest, sample_time,
-                                  0.0 if column else middle)
-                for column, (signal, spec) in enumerate(zip(plant.inputs, specs, strict=True))}
-            for name, burst in bursts:
-                inputs[name] = _sum(inputs[name], burst)
-            one = simulate(plant, values, effects, inputs, args.duration, start, tick, sample_time,
-                           [*sensors])
-            if not np.isfinite(one[plant.output.name]).all():
-                raise DataError(f'{plant.name} diverges with these values')
-            noisy, noise = measure(one, plant.output.name, args.snr, args.noise,
-                                   args.quantisation, rng)
-            noises = {plant.output.name: noise}
-            for name, own in sensors.items():
+        for specs in job.drives:
+            one = simulate(job.plant, job.values, job.effects,
+                           _inputs(job, specs, args.duration, rng), args.duration, start, tick,
+                           job.sample_time, [*job.sensors])
+            if not np.isfinite(one[output]).all():
+                raise DataError(f'{job.plant.name} diverges with these values')
+            noisy, noise = measure(one, output, args.snr, args.noise, args.quantisation, rng)
+            noises = {output: noise}
+            for name, own in job.sensors.items():
                 noisy, noises[name] = measure(noisy, name, args.snr if own is None else None,
                                               own or 0.0, 0.0, rng)
             series.append(noisy)
             truth.append({
                 'excitation': {signal.name: spec.kind
-                               for signal, spec in zip(plant.inputs, specs, strict=True)},
+                               for signal, spec in zip(job.plant.inputs, specs, strict=True)},
                 'largest': {name: float(np.abs(one[name]).max()) for name in one.columns},
                 'noise': noise,
-                **({'noises': noises} if sensors else {})})
-            step = sample_time * 1e9
+                **({'noises': noises} if job.sensors else {})})
             start += round(len(one) * step) + max(PAUSE, round(PAUSE_SAMPLES * step))
-    signals = rig.signals | {name: rig.sensors[name] for name in sensors}
-    write_recording(args.output, series, signals, {'origin': 'simulated, not measured'})
-    return {
-        'bag': str(args.output),
-        'plant': plant.name,
-        'sample_time': sample_time,
-        'samples': sum(map(len, series)),
-        'parameters': {p.name: {'value': parameters[p.name], 'unit': p.unit}
-                       for p in plant.parameters},
-        'constants': rig.constants,
-        'effects': [_described(placed) for placed in effects],
-        'series': truth,
-        'seed': args.seed,
-    }
+    return series, truth
+
+
+def _inputs(job: _Job, specs: Sequence[Spec], duration: float, rng: Generator
+            ) -> dict[str, Excitation]:
+    """Make what drives each input of one series, with the bursts on top."""
+    from hydro_twin.simulation.excitation import make, Run
+
+    laws = job.plant.laws(job.values)
+    middle, largest = _reach(job.plant)
+    inputs = {
+        signal.name: make(spec, Run(duration, rng), laws, column,
+                          SHARES[column > 0] / SHARES[0] * largest, job.sample_time,
+                          0.0 if column else middle)
+        for column, (signal, spec) in enumerate(zip(job.plant.inputs, specs, strict=True))}
+    for name, burst in job.bursts:
+        inputs[name] = _sum(inputs[name], burst)
+    return inputs
 
 
 def _reach(plant: Plant) -> tuple[float, float]:

@@ -50,19 +50,17 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
 
     from hydro_twin import api
     from hydro_twin.model import read_model
-    from hydro_twin.predictors import kind_named
 
     model = read_model(args.model) if args.model else None
     rig = rig_from(args, model)
     if args.earlier and model is None:
         raise UserError('--earlier is for the recordings that a --model came from')
-    if model is not None and not kind_named(model.kind).analytical:
-        raise UserError(f'{args.model}: a model of kind {model.kind}; a trace starts from an '
-                        'analytical one')
+    if model is not None:
+        api.check_analytical(model, args.model)
     if args.output.exists() and not args.output.is_dir():
         raise UserError(f'{args.output}: is a file; a folder is needed for the report')
-    found = api.trace(data_from(args, rig, args.earlier), model, args.seed, command=command_line(),
-                      show=progress)
+    found = api.trace(data_from(args, rig, args.earlier), model, args.seed,
+                      command=command_line(args), show=progress)
     return found.save(args.output)
 
 

@@ -37,7 +37,7 @@ def whiten(stretches: Sequence[FloatArray], filter_: FloatArray) -> FloatArray:
 
 
 def noise_filter(stretches: Sequence[FloatArray]) -> FloatArray:
-    """Return the filter that whitens noise and keeps its power, as a sum of squares."""
+    """Return the filter that whitens a residual, scaled so that its RMS stays the same."""
     filter_ = autoregression(stretches)
     white = whiten(stretches, filter_)
     if not len(white):      # all are shorter than the filter
@@ -46,11 +46,11 @@ def noise_filter(stretches: Sequence[FloatArray]) -> FloatArray:
 
 
 def effective_samples(stretches: Sequence[FloatArray]) -> float:
-    """Count the independent samples that show the power of a residual as well as it does.
+    """Return how many independent samples have a mean square as accurate as that of a residual.
 
-    N / (1 + 2 sum of the squared autocorrelations) [Bartlett 1946], up to a quarter of the longest
-    stretch. How far their estimates scatter about zero is allowed for: of white noise, every
-    sample counts.
+    N / (1 + 2 sum of squared autocorrelations) [Bartlett 1946], over lags up to a quarter of the
+    longest stretch, corrected for the scatter of the estimated autocorrelations, so that it is N
+    for white noise.
     """
     lags = max(map(len, stretches)) // 4
     products, counts = np.zeros(lags + 1), np.zeros(lags + 1)

@@ -22,33 +22,34 @@ def fitted_model(fit: Fit, known: Identifiability, errors: Mapping[str, Any]) ->
         errors: see `Record`.
     """
     plant = fit.candidate.plant
-    spreads = dict.fromkeys(p.name for p in plant.parameters) | {
+    std_errors = dict.fromkeys(p.name for p in plant.parameters) | {
         label(unknown): _std_error(fit, unknown, known.std_error.get(label(unknown)))
         for unknown in fit.unknowns}
     for combination in plant.combinations:      # its members are not known by themselves
-        spreads |= dict.fromkeys(combination)
+        std_errors |= dict.fromkeys(combination)
     return replace(fit.candidate, record=Record(
-        {name: Uncertainty(std_error=spread, identifiable=spread is not None)
-         for name, spread in spreads.items()},
+        {name: Uncertainty(std_error=std_error, identifiable=std_error is not None)
+         for name, std_error in std_errors.items()},
         deepcopy(dict(errors))))                # what is shared would be an alias in the file
 
 
 def combination_estimates(fit: Fit, known: Identifiability) -> tuple[Estimate, ...]:
     """Estimate each of the plant's combinations; its first parameter was searched for all."""
-    return tuple(_together(fit.candidate.values, combination, known)
+    return tuple(_combination_estimate(fit.candidate.values, combination, known)
                  for combination in fit.candidate.plant.combinations)
 
 
-def _together(values: Mapping[str, float], combination: Mapping[str, int],
-              known: Identifiability) -> Estimate:
+def _combination_estimate(values: Mapping[str, float], combination: Mapping[str, int],
+                          known: Identifiability) -> Estimate:
+    """Estimate a product of powers of parameters, from the coordinate of its first."""
     value = math.prod(values[name] ** power for name, power in combination.items())
     relative = known.std_error.get(next(iter(combination)))
     return Estimate(value, std_error=None if relative is None else relative * value,
                     identifiable=relative is not None)
 
 
-def _std_error(fit: Fit, unknown: Unknown, spread: float | None) -> float | None:
+def _std_error(fit: Fit, unknown: Unknown, std_error: float | None) -> float | None:
     """Take a standard error from the coordinate of an unknown to its unit."""
-    if spread is None:
+    if std_error is None:
         return None
-    return spread * (abs(get(fit.candidate, unknown)) if unknown.log else unknown.scale)
+    return std_error * (abs(get(fit.candidate, unknown)) if unknown.log else unknown.scale)

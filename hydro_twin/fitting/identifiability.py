@@ -12,7 +12,7 @@ from hydro_twin.fitting.regression import triangle
 
 NULL = 1e-8             # singular values below this share of the largest are rounding
 UNKNOWN = 1.0           # a relative standard error above this says no more than the box did
-BLIND = 0.01            # weight in directions without effect from which it has no error of its own
+NULL_WEIGHT = 0.01      # a parameter with more weight in the null space gets no standard error
 
 
 @dataclass(frozen=True)
@@ -29,10 +29,11 @@ class Identifiability:
             hold for these as they are.
         coordinates: what the rows of the covariance stand for.
         covariance: of the coordinates, shape (len(coordinates),) * 2.
-        factor: of the information, (k, len(coordinates)), k independent rows; directions without
-            effect are in none of them. With d, what is added to the coordinates of the fit,
+        factor: square root of the information matrix, (k, coordinates); directions without effect
+            are in none of its rows. With d, what is added to the coordinates of the fit,
             |factor d - step|^2 is twice the negative log-likelihood, up to a constant.
-        step: (k,); zero where the search ended at the least sum of squares.
+        step: factor times the Gauss-Newton step that is left, (k,); zero where the search ended
+            at the least sum of squares.
     """
 
     std_error: Mapping[str, float | None]
@@ -84,17 +85,18 @@ def assess(
     freedom = samples / max(samples - len(labels), 1)
     root = W @ (W.T @ scores.T) * np.sqrt(freedom)              # covariance = root root'
     error = np.linalg.norm(root, axis=1)
-    blind = np.linalg.norm(Vt[~known], axis=0) > BLIND
+    blind = np.linalg.norm(Vt[~known], axis=0) > NULL_WEIGHT
     errors = {label: float(e) if e <= UNKNOWN and not hidden else None
               for label, e, hidden in zip(labels, error, blind, strict=True)}
     groups = [_label(combination) for combination in combinations]
+    factor = _information(Vt[known], root)
     return Identifiability(
         std_error={name: errors.get(name) for name in names},
         combinations={group: errors.get(group) for group in groups},
         at_bound=tuple(name for name in names if name in at_bound),
         coordinates=tuple(labels),
         covariance=root @ root.T,
-        factor=(factor := _information(Vt[known], root)),
+        factor=factor,
         step=factor @ W @ (W.T @ gradient),
     )
 

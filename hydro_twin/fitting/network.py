@@ -24,9 +24,7 @@ from hydro_twin.recording.series import Series
 if TYPE_CHECKING:
     from torch import Tensor
 
-    from hydro_twin.fitting.rprop import Slope
-
-    Watch = Callable[[Tensor], Tensor]
+    from hydro_twin.fitting.rprop import Gradient, HeldOutError
 
 # of the kinds of predictor that have a network, by name
 SETTINGS = {name: kind.network for name, kind in kinds().items() if kind.network}
@@ -52,13 +50,13 @@ class Trained:
     """A trained network, and its RMS before every epoch, shape (epochs,).
 
     Attributes:
-        curve: over the patterns it is trained on.
-        watched: over those of another problem; nan where there is none.
+        learning_curve: over the patterns it is trained on.
+        held_out_curve: over those of another problem; nan where there is none.
     """
 
     network: Network
-    curve: FloatArray
-    watched: FloatArray
+    learning_curve: FloatArray
+    held_out_curve: FloatArray
 
 
 @dataclass(frozen=True, eq=False)
@@ -135,7 +133,7 @@ def make_problem(
         tuple(len(series) - order - 1 for series in stretches if len(series) > order + 1))
 
 
-def first_weights(sizes: Sequence[int], seed: int) -> FloatArray:
+def initial_weights(sizes: Sequence[int], seed: int) -> FloatArray:
     """Draw the weights of a fresh network, each from +-1/sqrt(inputs of its layer)."""
     rng = np.random.default_rng(seed)
     return np.concatenate([rng.uniform(-1.0, 1.0, (rows + 1) * columns) / np.sqrt(rows)
@@ -144,7 +142,7 @@ def first_weights(sizes: Sequence[int], seed: int) -> FloatArray:
 
 def train_batch(
     problem: Problem, jobs: Sequence[Job], device: str = 'cpu',
-    epoch_done: Callable[[], object] = lambda: None, watched: Problem | None = None,
+    epoch_done: Callable[[], object] = lambda: None, held_out: Problem | None = None,
 ) -> list[Trained]:
     """Train networks of the same settings in one batched computation.
 
@@ -155,47 +153,47 @@ def train_batch(
         jobs: of the same settings, with rows of the same number.
         device: a torch device, 'cpu' or 'cuda'.
         epoch_done: called after every epoch.
-        watched: patterns to score before every epoch, which do not train.
+        held_out: patterns to score before every epoch, which do not train.
     """
-    from hydro_twin.fitting.rprop import descend
+    from hydro_twin.fitting.rprop import train
 
     settings = jobs[0].settings
     run = _recurrent if settings.recurrent else _feedforward
-    weights, slope_of, watch, patterns = run(problem, jobs, device, watched)
-    trained, *sums = descend(slope_of, weights, settings.epochs, device, epoch_done, watch)
-    counts = patterns, len(watched.targets) if watched else 1
-    curves, beside = (problem.output_scale * np.sqrt(s / n)
-                      for s, n in zip(sums, counts, strict=True))
-    return [Trained(problem.network(settings, w), *curve)
-            for w, *curve in zip(trained, curves, beside, strict=True)]
+    weights, gradient_of, held_out_error, patterns = run(problem, jobs, device, held_out)
+    trained, *sums = train(gradient_of, weights, settings.epochs, device, epoch_done,
+                           held_out_error)
+    counts = patterns, len(held_out.targets) if held_out else 1
+    curves = (problem.output_scale * np.sqrt(s / n) for s, n in zip(sums, counts, strict=True))
+    return [Trained(problem.network(settings, w), *both)
+            for w, *both in zip(trained, *curves, strict=True)]
 
 
 def _feedforward(
-    problem: Problem, jobs: Sequence[Job], device: str, watched: Problem | None,
-) -> tuple[FloatArray, Slope, Watch | None, int]:
-    """Make ready the training of MLPs: first weights, gradient, what is watched, patterns."""
+    problem: Problem, jobs: Sequence[Job], device: str, held_out: Problem | None,
+) -> tuple[FloatArray, Gradient, HeldOutError | None, int]:
+    """Make ready the training of MLPs: initial weights, gradient, held-out error, patterns."""
     from hydro_twin.fitting.rprop import as_tensor, gradient, squares
 
     settings = jobs[0].settings
     x, y = problem.scaled(problem)
     sizes = [x.shape[1], *settings.hidden, 1]
-    split = [job.rows for job in jobs if job.rows is not None]
-    inputs, targets = (as_tensor(np.stack([a[rows] for rows in split]) if split else a[None],
+    drawn = [job.rows for job in jobs if job.rows is not None]
+    inputs, targets = (as_tensor(np.stack([a[rows] for rows in drawn]) if drawn else a[None],
                                  device).expand(len(jobs), *[-1] * a.ndim) for a in (x, y))
-    beside = [as_tensor(a[None], device).expand(len(jobs), *[-1] * a.ndim)
-              for a in problem.scaled(watched)] if watched else []
+    others = [as_tensor(a[None], device).expand(len(jobs), *[-1] * a.ndim)
+              for a in problem.scaled(held_out)] if held_out else []
     return (
-        np.stack([first_weights(sizes, job.seed) for job in jobs]),
+        np.stack([initial_weights(sizes, job.seed) for job in jobs]),
         lambda weights, out: gradient(weights, sizes, inputs, targets[..., None], settings.decay,
                                       out),
-        (lambda weights: squares(weights, sizes, beside[0], beside[1][..., None]))
-        if watched else None,
+        (lambda weights: squares(weights, sizes, others[0], others[1][..., None]))
+        if held_out else None,
         inputs.shape[1])
 
 
 def _recurrent(
-    problem: Problem, jobs: Sequence[Job], device: str, watched: Problem | None,
-) -> tuple[FloatArray, Slope, Watch | None, int]:
+    problem: Problem, jobs: Sequence[Job], device: str, held_out: Problem | None,
+) -> tuple[FloatArray, Gradient, HeldOutError | None, int]:
     """Make ready the training of GRUs, as `_feedforward` does; on all patterns only."""
     from hydro_twin.fitting import recurrent
     from hydro_twin.fitting.rprop import as_tensor
@@ -208,16 +206,16 @@ def _recurrent(
         x, y = problem.scaled(other)
         return as_tensor(x[rows], device), as_tensor(y[rows], device), as_tensor(scored, device)
 
-    here, there = tensors(problem), tensors(watched or problem)
+    trained, others = tensors(problem), tensors(held_out or problem)
     return (
-        np.stack([recurrent.first_weights(sizes, job.seed) for job in jobs]),
-        lambda weights, out: recurrent.gradient(weights, sizes, *here, settings.decay, out),
-        (lambda weights: recurrent.squares(weights, sizes, *there)) if watched else None,
+        np.stack([recurrent.initial_weights(sizes, job.seed) for job in jobs]),
+        lambda weights, out: recurrent.gradient(weights, sizes, *trained, settings.decay, out),
+        (lambda weights: recurrent.squares(weights, sizes, *others)) if held_out else None,
         len(problem.targets))
 
 
 def train_many(
-    problem: Problem, jobs: Sequence[Job], device: str = 'cpu', watched: Problem | None = None,
+    problem: Problem, jobs: Sequence[Job], device: str = 'cpu', held_out: Problem | None = None,
 ) -> Iterator[Trained]:
     """Train networks and yield them in the order of the jobs, using the whole machine.
 
@@ -228,7 +226,7 @@ def train_many(
         problem: what to learn.
         jobs: what to train; any settings.
         device: 'cpu', or a torch device such as 'cuda'.
-        watched: as in `train_batch`.
+        held_out: as in `train_batch`.
 
     Raises:
         UserError: there is no such device.
@@ -236,9 +234,9 @@ def train_many(
     if device != 'cpu':
         check_device(device)
         for _, group in groupby(jobs, key=lambda job: job.settings):
-            yield from train_batch(problem, list(group), device, watched=watched)
+            yield from train_batch(problem, list(group), device, held_out=held_out)
         return
-    yield from in_processes(partial(_train_one, problem, watched), jobs)
+    yield from in_processes(partial(_train_one, problem, held_out), jobs)
 
 
 def check_device(name: str) -> None:
@@ -258,6 +256,6 @@ def check_device(name: str) -> None:
         raise UserError(f'device {name!r}: torch cannot use it here; try cpu')
 
 
-def _train_one(problem: Problem, watched: Problem | None, job: Job) -> Trained:
+def _train_one(problem: Problem, held_out: Problem | None, job: Job) -> Trained:
     """Train one network by itself."""
-    return train_batch(problem, [job], watched=watched)[0]
+    return train_batch(problem, [job], held_out=held_out)[0]

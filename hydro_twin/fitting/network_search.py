@@ -112,7 +112,7 @@ def score(
     done = resume(log, fingerprint(problem, seed))
     wanted = [(settings, repeat) for settings in candidates for repeat in range(repeats)]
     missing = [key for key in wanted if key not in done]
-    splits = {repeat: split(len(problem.targets), seed, repeat) for repeat in range(repeats)}
+    splits = {repeat: draw_split(len(problem.targets), seed, repeat) for repeat in range(repeats)}
     jobs = [Job(settings, seed + repeat, splits[repeat][0]) for settings, repeat in missing]
     for _ in range(len(wanted) - len(missing)):
         trial_done()
@@ -151,7 +151,7 @@ def choose(scores: Mapping[Settings, Sequence[float]], regressors: int) -> Setti
         scores[settings], scores[best]).pvalue > LEVEL), key=key)
 
 
-def split(patterns: int, seed: int, repeat: int) -> tuple[IntArray, IntArray]:
+def draw_split(patterns: int, seed: int, repeat: int) -> tuple[IntArray, IntArray]:
     """Draw two thirds of the patterns to train on, and the rest to validate."""
     drawn = np.random.default_rng([seed, repeat]).permutation(patterns)
     cut = 2 * patterns // 3
@@ -173,9 +173,10 @@ def resume(log: Path, search: str) -> dict[tuple[Settings, int], Trial]:
         UserError: the file belongs to another search.
     """
     head = json.dumps({'search': search})
-    lines = log.read_text(encoding='utf-8').splitlines() if log.exists() else []
+    # What is damaged replaces no more than its own line.
+    lines = log.read_text('utf-8', 'replace').splitlines() if log.exists() else []
     if lines and lines[0] != head:
-        raise UserError(f'{log}: holds another search, of other data or settings; '
+        raise UserError(f'{log}: holds another search, of other data or another seed; '
                         'move it away or name another file')
     trials = {}
     for line in lines[1:]:

@@ -160,6 +160,6 @@ def box(plant: Plant) -> tuple[FloatArray, FloatArray]:
 
 def search_least_squares(factor: Regression, coefficients: Coefficients, plant: Plant, seed: int,
                          starts: int = STARTS) -> SearchResult:
-    """Search the plant's box for the least one-step error by least squares; see there."""
+    """Search the plant's box for the least one-step error; see `least_squares`."""
     return least_squares(factor, coefficients, [p.name for p in plant.parameters],
                          plant.combinations, *box(plant), seed, starts)

@@ -34,7 +34,7 @@ def windows(lengths: Sequence[int]) -> tuple[np.ndarray, np.ndarray]:
     return np.array(rows), np.array(scored)
 
 
-def first_weights(sizes: Sequence[int], seed: int) -> FloatArray:
+def initial_weights(sizes: Sequence[int], seed: int) -> FloatArray:
     """Draw the weights of a fresh GRU from +-1/sqrt(units)."""
     R, H, _ = sizes
     count = 3 * H * (R + H + 1) + H + 1

@@ -3,12 +3,13 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
+import math
 from pathlib import Path
 from typing import Any
 
 from hydro_twin.blas import one_thread
 from hydro_twin.effects import Placed
-from hydro_twin.errors import UserError
+from hydro_twin.errors import DataError, UserError
 from hydro_twin.files import write_whole
 from hydro_twin.fitting.horizon import horizon_errors
 from hydro_twin.fitting.identifiability import Identifiability
@@ -17,7 +18,7 @@ from hydro_twin.fitting.network_search import DECAYS, search, STRUCTURES
 from hydro_twin.fitting.noise import estimate_noise
 from hydro_twin.fitting.outputs import sensor_rms
 from hydro_twin.fitting.physics import fit_physics, method_named, Physics, Task
-from hydro_twin.fitting.regression import regression
+from hydro_twin.fitting.regression import factored, regression
 from hydro_twin.model import Model, Record, write_model
 from hydro_twin.plants import Plant
 from hydro_twin.predictors import Kind, kind_named, kinds, make_predictor, Predictor
@@ -28,6 +29,8 @@ from hydro_twin.predictors.network_predictor import NetworkPredictor
 from hydro_twin.predictors.scores import Errors, errors_of, persistence, predict
 from hydro_twin.progress import Progress, silent
 from hydro_twin.recording.series import Recording
+
+WEIGHTS = '.safetensors'    # ending of the file of weights
 
 
 @dataclass(frozen=True)
@@ -123,8 +126,8 @@ class Refit:
         settings: of its network; None without one.
         outputs: of each sensor that was fitted, and of the output with them, the RMS error of the
             free run by part, and the noise estimated with the fit, in its unit.
-        bounds: 'persistence' and 'unconstrained' -> part -> RMS error between which any one-step
-            fit must lie, in the output's unit.
+        references: 'persistence' and 'unconstrained' -> part -> the RMS one-step error that
+            a fit is compared with, in the output's unit; see `reference_errors`.
     """
 
     model: Model
@@ -132,19 +135,21 @@ class Refit:
     weights: bytes | None
     known: Identifiability | None
     settings: Settings | None
-    bounds: Errors
+    references: Errors
     outputs: Mapping[str, Mapping[str, float]] = field(default_factory=dict)
 
     def save(self, path: Path | str) -> None:
         """Write the model file, and its weights beside it, each whole or not at all.
 
         Raises:
+            UserError: a model file must not have that name.
             ModelError: the model file cannot be written there.
             OSError: its weights cannot.
         """
         path, model = Path(path), self.model
+        check_name(path)
         if self.weights is not None:
-            weights = path.with_suffix('.safetensors')
+            weights = companion(path, WEIGHTS)
             write_whole(weights, self.weights)
             model = replace(model, network=weights.name)
         write_model(model, path)
@@ -169,7 +174,7 @@ class Refit:
             'outputs': {name: dict(figures) for name, figures in self.outputs.items()},
             **{part: {mode: parts[part] for mode, parts in errors.items()}
                for part in ('train', 'test')},
-            **self.bounds,
+            **self.references,
         }
 
 
@@ -196,7 +201,7 @@ def refit(train: Recording, test: Recording, plant: Plant, constants: Mapping[st
     plant.holding(request.held)
     kind, known = request.kind, None
     left: Mapping[str, float] = {}
-    bounds = bounds_of(train, test, plant)
+    references = reference_errors(train, test, plant)
     model = Model(plant, constants, train.sample_time, request.effects, kind=kind.name,
                   record=Record(provenance=provenance))
     if request.base is not None:
@@ -230,7 +235,23 @@ def refit(train: Recording, test: Recording, plant: Plant, constants: Mapping[st
         outputs = {name: {**by_output.get(name, {}), 'noise': noise}
                    for name, noise in left.items()}
     return Refit(model.with_record(errors={'after': errors}), predictor,
-                 fitted.weights if fitted else None, known, settings, bounds, outputs)
+                 fitted.weights if fitted else None, known, settings, references, outputs)
+
+
+def check_name(path: Path) -> None:
+    """Refuse a model file that its own weights would overwrite.
+
+    Raises:
+        UserError: it is named as weights are.
+    """
+    if path.suffix == WEIGHTS:
+        raise UserError(f'{path}: {WEIGHTS} is for the weights beside a model file; name it '
+                        f'{path.with_suffix(".yaml")}')
+
+
+def companion(path: Path, ending: str) -> Path:
+    """Name a file beside a model file; models of different names have different ones."""
+    return path.with_name(path.name.removesuffix('.yaml') + ending)
 
 
 def names_of(has: Callable[[Kind], bool], last: str = 'or') -> str:
@@ -279,19 +300,26 @@ def network_problem(train: Recording, model: Model) -> Problem:
     return make_problem(train.series, model.plant, predicted)
 
 
-def bounds_of(train: Recording, test: Recording, plant: Plant) -> Errors:
-    """Return the errors between which any one-step fit must lie.
+def reference_errors(train: Recording, test: Recording, plant: Plant) -> Errors:
+    """Return the one-step errors that a fit is compared with.
 
     Returns:
-        'persistence': of repeating the last sample; 'unconstrained': of the difference equation
-        that fits the training part best with no physics to bind it.
+        'persistence': of repeating the last sample; 'unconstrained': of the linear difference
+        equation fitted to the training part without physics; nan where a part has no pattern.
+
+    Raises:
+        DataError: a sample is not finite, or the training part cannot be fitted. The test part is
+            only predicted: it may be short, or at rest.
     """
     inputs = [signal.name for signal in plant.inputs]
-    parts = {'train': train, 'test': test}
-    factors = {name: regression(part.series, plant.output.name, inputs, plant.order)
-               for name, part in parts.items()}
-    best = factors['train'].best()
+    try:
+        factor = regression(train.series, plant.output.name, inputs, plant.order)
+    except DataError as error:
+        raise DataError(f'the training part: {error}') from None
+    held_out, *_ = factored(test.series, plant.output.name, inputs, plant.order)
+    best = factor.best()
     return {
-        'persistence': {name: persistence(part, plant) for name, part in parts.items()},
-        'unconstrained': {name: float(factor.rms(best)) for name, factor in factors.items()},
+        'persistence': {'train': persistence(train, plant), 'test': persistence(test, plant)},
+        'unconstrained': {'train': float(factor.rms(best)),
+                          'test': float(held_out.rms(best)) if held_out else math.nan},
     }

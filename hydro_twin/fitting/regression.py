@@ -121,6 +121,30 @@ def regression(
         DataError: a sample is not finite, there are fewer patterns than coefficients, or the
             output or every input never changes.
     """
+    total, low, high = factored(stretches, output, inputs, order)
+    wanted = order + (order + 1) * len(inputs)
+    if total is None or total.patterns <= wanted:
+        raise DataError(f'too short: {total.patterns if total else 0} patterns for {wanted} '
+                        f'coefficients; each stretch loses its first {order + 1} samples')
+    if low[0] == high[0]:
+        raise DataError(f'{output} is constant at {low[0]:g}: there is no response to fit')
+    if (low[1:] == high[1:]).all():
+        raise DataError(f'{", ".join(inputs)} never change: nothing excites the plant')
+    return total
+
+
+def factored(
+    stretches: Iterable[Series], output: str, inputs: Sequence[str], order: int,
+) -> tuple[Regression | None, FloatArray, FloatArray]:
+    """Factor stretches as `regression` does, whether they can be fitted or not.
+
+    Returns:
+        The factor, None without a pattern; the least and the greatest sample of the output and of
+        each input, shape (1 + inputs,).
+
+    Raises:
+        DataError: a sample is not finite.
+    """
     columns = (output, *inputs)
     total: Regression | None = None
     low, high = np.full(len(columns), np.inf), np.full(len(columns), -np.inf)
@@ -135,12 +159,4 @@ def regression(
             R = triangle(regressors(series, output, inputs, order))
             part = Regression(R, patterns)
             total = part if total is None else total + part
-    wanted = order + (order + 1) * len(inputs)
-    if total is None or total.patterns <= wanted:
-        raise DataError(f'too short: {total.patterns if total else 0} patterns for {wanted} '
-                        f'coefficients; each stretch loses its first {order + 1} samples')
-    if low[0] == high[0]:
-        raise DataError(f'{output} is constant at {low[0]:g}: there is no response to fit')
-    if (low[1:] == high[1:]).all():
-        raise DataError(f'{", ".join(inputs)} never change: nothing excites the plant')
-    return total
+    return total, low, high

@@ -10,11 +10,13 @@ from torch import Tensor
 
 from hydro_twin.arrays import FloatArray
 
-GROW, SHRINK = 1.2, 0.5                     # Riedmiller and Braun 1993
-FIRST, LEAST, LARGEST = 0.01, 1e-6, 50.0    # step of a weight
+ETA_PLUS, ETA_MINUS = 1.2, 0.5                         # Riedmiller and Braun 1993
+INITIAL_STEP, MIN_STEP, MAX_STEP = 0.01, 1e-6, 50.0    # of a weight
 
 # (weights (B, P), where the gradient goes (B, P)) -> sum of squares of every network (B,)
-Slope = Callable[[Tensor, Tensor], Tensor]
+Gradient = Callable[[Tensor, Tensor], Tensor]
+# weights (B, P) -> sum of squares of every network over patterns that do not train (B,)
+HeldOutError = Callable[[Tensor], Tensor]
 
 
 def computes_on(device: str) -> bool:
@@ -97,16 +99,17 @@ def rprop(weights: Tensor, gradient: Tensor, previous: Tensor, steps: Tensor) ->
     processor then takes longer (benchmarks/networks.py).
     """
     turn = torch.mul(gradient, previous).sign_()
-    steps.copy_(torch.where(turn > 0, steps * GROW, torch.where(turn < 0, steps * SHRINK, steps)))
-    steps.clamp_(LEAST, LARGEST)
+    steps.copy_(torch.where(turn > 0, steps * ETA_PLUS,
+                            torch.where(turn < 0, steps * ETA_MINUS, steps)))
+    steps.clamp_(MIN_STEP, MAX_STEP)
     gradient.masked_fill_(turn < 0, 0.0)
     weights.addcmul_(gradient.sign(), steps, value=-1.0)
     previous.copy_(gradient)
 
 
-def descend(
-    slope_of: Slope, weights: FloatArray, epochs: int, device: str,
-    epoch_done: Callable[[], object], watched: Callable[[Tensor], Tensor] | None = None,
+def train(
+    gradient_of: Gradient, weights: FloatArray, epochs: int, device: str,
+    epoch_done: Callable[[], object], held_out: HeldOutError | None = None,
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Train every network for a number of epochs, each on all its patterns at once.
 
@@ -114,29 +117,29 @@ def descend(
     processor: more of them gain little on one network, and lose where several are trained.
 
     Args:
-        slope_of: gives the sum of squares of each network's weights, and their gradient.
+        gradient_of: gives the sum of squares of each network's weights, and their gradient.
         weights: where to start, shape (B, P).
         epochs: number of steps.
         device: a torch device, 'cpu' or 'cuda'.
         epoch_done: called after every epoch.
-        watched: gives the sum of squares over other patterns, which do not train.
+        held_out: gives the sum of squares over other patterns, which do not train.
 
     Returns:
         The weights, shape (B, P), and the sums of squares before each epoch, shape (B, epochs),
-        of the patterns and of those watched; the latter are nan where none are.
+        of the patterns and of those held out; the latter are nan where none are.
     """
     threads = torch.get_num_threads()
     trained = as_tensor(weights, device).clone()
-    slope, previous = torch.empty_like(trained), torch.zeros_like(trained)
-    steps = torch.full_like(trained, FIRST)
-    curve, beside = [], []
+    gradient, previous = torch.empty_like(trained), torch.zeros_like(trained)
+    steps = torch.full_like(trained, INITIAL_STEP)
+    learning_curve, held_out_curve = [], []
     torch.set_num_threads(1)
     try:
         for _ in range(epochs):
-            if watched is not None:
-                beside.append(watched(trained))
-            curve.append(slope_of(trained, slope))
-            rprop(trained, slope, previous, steps)
+            if held_out is not None:
+                held_out_curve.append(held_out(trained))
+            learning_curve.append(gradient_of(trained, gradient))
+            rprop(trained, gradient, previous, steps)
             epoch_done()
     finally:
         torch.set_num_threads(threads)
@@ -146,7 +149,8 @@ def descend(
             return np.full((len(weights), epochs), np.nan)
         return torch.stack(list(sums), 1).cpu().numpy().astype(np.float64)
 
-    return trained.cpu().numpy().astype(np.float64), stack(curve), stack(beside)
+    return (trained.cpu().numpy().astype(np.float64), stack(learning_curve),
+            stack(held_out_curve))
 
 
 def as_tensor(array: FloatArray, device: str) -> Tensor:

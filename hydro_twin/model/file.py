@@ -114,7 +114,7 @@ def read_model(path: Path | str) -> Model:
         raw = yaml.safe_load(path.read_text(encoding='utf-8'))
     except OSError as error:
         raise ModelError(f'{path}: no model file can be read there ({error.strerror})') from error
-    except (yaml.YAMLError, UnicodeDecodeError) as error:
+    except (yaml.YAMLError, ValueError, RecursionError) as error:
         raise ModelError(f'{path}: not a YAML file: {str(error).splitlines()[0]}') from error
     if not isinstance(raw, dict) or 'format' not in raw:
         raise ModelError(f'{path}: not a model file (no "format" in it)')

@@ -2,8 +2,8 @@
 from __future__ import annotations
 
 from collections import defaultdict
-from collections.abc import Collection, Iterator, Mapping
-from contextlib import contextmanager
+from collections.abc import Callable, Collection, Iterable, Iterator, Mapping
+from contextlib import contextmanager, ExitStack
 from dataclasses import dataclass, field
 import errno
 from itertools import batched
@@ -34,7 +34,7 @@ class Samples:
     Attributes:
         stamps: strictly increasing [ns].
         stamped: whether they come from the messages' headers, else they are receive times.
-        delay: from stamp to reception, typically [ns].
+        delay: median time from stamp to reception [ns].
     """
 
     stamps: IntArray
@@ -49,7 +49,8 @@ class _Topic:
 
     extractor: Extractor
     stamped: bool
-    promised: int
+    fields: Collection[str]
+    expected: int
     received: list[IntArray] = field(default_factory=list)
     headers: list[IntArray] = field(default_factory=list)
     values: dict[str, list[FloatArray]] = field(default_factory=lambda: defaultdict(list))
@@ -70,43 +71,68 @@ def read_signals(path: Path, signals: Mapping[str, SignalMap], optional: Collect
         BagError: there is no such bag, it is damaged, or it does not hold the signals.
     """
     with opened(path) as reader:
-        held = _find_topics(path, reader, signals, optional)
-        signals = {name: signal for name, signal in signals.items() if signal.topic in held}
-        topics = {}
-        for topic, connections in held.items():
-            msgtype = connections[0].msgtype
+        connections = _find_topics(path, reader, signals, optional)
+        signals = {name: signal for name, signal in signals.items() if signal.topic in connections}
+        topics: dict[str, _Topic] = {}
+        for name, members in connections.items():
+            msgtype = members[0].msgtype
             store = _typestore(reader, msgtype)
             stamped = dict(store.fielddefs[msgtype][1]).get('header', (0, ''))[1] == \
                 'std_msgs/msg/Header'
-            paths = {signal.field for signal in signals.values() if signal.topic == topic}
-            needed = {signal.field for name, signal in signals.items()
-                      if signal.topic == topic and name not in optional}
-            topics[topic] = _Topic(
-                Extractor(msgtype, store, [*STAMP, *paths] if stamped else [*paths],
-                          paths - needed), stamped,
-                sum(connection.msgcount for connection in connections))
-        for topic, batch in _batches(reader, held):
-            _take(path, topic, topics[topic], batch)
-    for topic, found in topics.items():
-        count = sum(map(len, found.received))
-        if count != found.promised:
-            raise BagError(f'{path}: the bag promises {found.promised} messages on {topic}, '
+            paths = {signal.field for signal in signals.values() if signal.topic == name}
+            needed = {signal.field for key, signal in signals.items()
+                      if signal.topic == name and key not in optional}
+            taken = dict.fromkeys((*STAMP, *paths) if stamped else paths)
+            topics[name] = _Topic(Extractor(msgtype, store, [*taken], paths - needed), stamped,
+                                  paths, sum(connection.msgcount for connection in members))
+        for name, batch in _from_bag(path, _batches(reader, connections)):
+            _take(path, name, topics[name], batch)
+    for name, topic in topics.items():
+        count = sum(map(len, topic.received))
+        if count != topic.expected:
+            raise BagError(f'{path}: the bag promises {topic.expected} messages on {name}, '
                            f"but holds {count}: is it damaged? 'ros2 bag reindex' counts anew")
-    taken = {name: _samples(path, name, signal, topics[signal.topic], name in optional)
+    found = {name: _samples(path, name, signal, topics[signal.topic], name in optional)
              for name, signal in signals.items()}
-    return {name: samples for name, samples in taken.items() if samples is not None}
+    return {name: samples for name, samples in found.items() if samples is not None}
 
 
 @contextmanager
 def opened(path: Path) -> Iterator[Any]:
-    """Open a bag, and turn all that reading it may raise into one line."""
+    """Open a bag for reading.
+
+    What opening it raises, and going through its `messages()`, is turned into one line; what is
+    raised by the one who reads it is not.
+
+    Raises:
+        BagError: there is no such bag, or it is damaged.
+    """
     from rosbags.highlevel import AnyReader
     from rosbags.typesys import get_typestore, Stores
 
     _check_path(path)
+    with ExitStack() as stack:
+        with _damage_named(path):
+            reader: Any = stack.enter_context(
+                AnyReader([path], default_typestore=get_typestore(Stores.ROS2_JAZZY)))
+            for summary in ('topics', 'duration', 'message_count'):
+                getattr(reader, summary)    # worked out when it is asked for
+        messages: Callable[..., Iterator[Any]] = reader.messages
+        reader.messages = lambda *args, **more: _from_bag(path, messages(*args, **more))
+        yield reader
+
+
+def _from_bag[T](path: Path, items: Iterable[T]) -> Iterator[T]:
+    """Yield what is read from a bag; what reading it raises is turned into one line."""
+    with _damage_named(path):
+        yield from items
+
+
+@contextmanager
+def _damage_named(path: Path) -> Iterator[None]:
+    """Turn all that a damaged bag may raise into one line."""
     try:
-        with AnyReader([path], default_typestore=get_typestore(Stores.ROS2_JAZZY)) as reader:
-            yield reader
+        yield
     except UserError:
         raise
     except Exception as error:
@@ -148,14 +174,14 @@ def _damage(path: Path, error: Exception) -> str:
 def _find_topics(path: Path, reader: Any, signals: Mapping[str, SignalMap],
                  optional: Collection[str]) -> dict[str, list[Any]]:
     """Find the topics of the signals in the bag."""
-    held: dict[str, list[Any]] = defaultdict(list)
+    connections: dict[str, list[Any]] = defaultdict(list)
     for connection in reader.connections:
-        held[connection.topic].append(connection)
+        connections[connection.topic].append(connection)
     if not any(connection.msgcount for connection in reader.connections):
         raise BagError(f'{path} holds no messages')
     wanted: dict[str, list[Any]] = {}
     for name, signal in signals.items():
-        types = {connection.msgtype for connection in held.get(signal.topic, ())}
+        types = {connection.msgtype for connection in connections.get(signal.topic, ())}
         if not types:
             if name in optional:
                 continue
@@ -168,11 +194,11 @@ def _find_topics(path: Path, reader: Any, signals: Mapping[str, SignalMap],
                 log.warning('%s, or it is left out', says)
                 continue
             raise BagError(says)
-        if not sum(connection.msgcount for connection in held[signal.topic]):
+        if not sum(connection.msgcount for connection in connections[signal.topic]):
             if name in optional:
                 continue
             raise BagError(f'{path} holds no messages on {signal.topic} for signal {name}')
-        wanted[signal.topic] = held[signal.topic]
+        wanted[signal.topic] = connections[signal.topic]
     return wanted
 
 
@@ -196,7 +222,7 @@ def _typestore(reader: Any, msgtype: str) -> Any:
     return store
 
 
-def _batches(reader: Any, held: Mapping[str, Any]) -> Iterator[tuple[str, Batch]]:
+def _batches(reader: Any, connections: Mapping[str, Any]) -> Iterator[tuple[str, Batch]]:
     """Yield the messages of the topics, file after file, in the order in which they were written.
 
     rosbags opens the bag and knows its files; it sorts messages by receive time, which would hide
@@ -205,12 +231,13 @@ def _batches(reader: Any, held: Mapping[str, Any]) -> Iterator[tuple[str, Batch]
     """
     storage = reader.readers[0].storage
     if reader.readers[0].compression_mode == 'message':
-        for lot in batched(reader.messages([c for cs in held.values() for c in cs]), LOT):
-            for topic in held:
+        wanted = [connection for members in connections.values() for connection in members]
+        for lot in batched(reader.messages(wanted), LOT):
+            for topic in connections:
                 yield from _joined(topic, [(t, raw) for c, t, raw in lot if c.topic == topic])
         return
     for file in getattr(storage, 'storages', [storage]):
-        ids = {c.id: c.topic for c in file.connections if c.topic in held}
+        ids = {c.id: c.topic for c in file.connections if c.topic in connections}
         path = Path(str(file.path))
         yield from (mcap.batches if mcap.is_mcap(path) else _sqlite_batches)(path, ids)
 
@@ -252,7 +279,7 @@ def _take(path: Path, name: str, topic: _Topic, batch: Batch) -> None:
     if topic.stamped:
         sec, nanosec = (columns.values[key].astype(np.int64) for key in STAMP)
         topic.headers.append(sec * 1_000_000_000 + nanosec)
-    for key in columns.values.keys() - set(STAMP):
+    for key in topic.fields:
         topic.values[key].append(columns.values[key])
         topic.present[key].append(columns.present[key])
 

@@ -45,7 +45,10 @@ class Clock:
         return self.given or self.usual
 
     def over(self, periods: Iterable[float]) -> float:
-        """Decide the sample time [s] of bags by the `slowest` period of each: the longest."""
+        """Return the sample time [s] for bags whose slowest periods are given.
+
+        The longest of them, unless a sample time is given, or the longest is close to `usual`.
+        """
         if self.given:
             return self.given
         longest = max(periods)
@@ -108,7 +111,7 @@ def period(samples: Samples) -> float:
 
 
 def _usual(pauses: IntArray) -> IntArray:
-    """Take the pauses within half the median of it, which is one of them."""
+    """Keep the pauses that differ from their median by at most half of it."""
     typical = np.sort(pauses)[len(pauses) // 2]
     usual: IntArray = pauses[np.abs(pauses - typical) <= 0.5 * typical]
     return usual

@@ -9,6 +9,7 @@ from itertools import chain, islice
 import logging
 from pathlib import Path
 import re
+import zlib
 
 import numpy as np
 
@@ -39,11 +40,11 @@ def load_columns(path: Path, wanted: set[str], table_map: TableMap) -> dict[str,
     return _load_text(path, wanted, table_map)
 
 
-def _check_names(path: Path, wanted: set[str], there: list[str]) -> None:
-    """Say which columns are not there, or are there twice."""
+def _check_names(path: Path, wanted: set[str], there: list[str], header: bool = False) -> None:
+    """Say which columns are not there, or are there twice; `header`: they are a line of a text."""
     if absent := sorted(wanted - set(there)):
         said = f'{path} has no column {", ".join(absent)}; it has {", ".join(there)}'
-        if there and all(map(_is_number, there)):
+        if header and there and all(map(_is_number, there)):
             said += '; for a table without a line of names give header: false in the map'
         raise BagError(said)
     if twice := sorted(name for name in wanted if there.count(name) > 1):
@@ -65,15 +66,19 @@ def _too_short(path: Path, rows: tuple[int, int | None]) -> BagError:
 
 
 @contextmanager
-def _opened(path: Path, header: bool) -> Iterator[tuple[Iterator[str], list[str], str | None]]:
+def _opened(path: Path, table_map: TableMap
+            ) -> Iterator[tuple[Iterator[str], list[str], str | None]]:
     """Open a text file; yield its rows, the names of its columns, and what separates them.
 
-    That is ',', ';' or a tab, whichever is there; None stands for blanks.
+    That is ',', ';' or a tab, whichever is there; None stands for blanks. A first line of numbers
+    with decimal commas does not show whether commas separate them, too: they do not.
     """
+    header = table_map.header
+    separators = ',;\t' if header or table_map.decimal == '.' else ';\t'
     with (gzip.open(path, 'rt', encoding='utf-8-sig') if path.suffix.lower() == '.gz'
           else path.open(encoding='utf-8-sig')) as file:
         line = file.readline()
-        delimiter = max(',;\t', key=line.count)
+        delimiter = max(separators, key=line.count)
         separator = delimiter if delimiter in line else None
         names, rows = _cells(line.lstrip('#') if header else line, separator), iter(file)
         if not header:
@@ -93,8 +98,8 @@ def _load_text(path: Path, wanted: set[str], table_map: TableMap) -> dict[str, F
     """Load columns of a text file."""
     order, rows, decimal = sorted(wanted), table_map.rows, table_map.decimal
     try:
-        with _opened(path, table_map.header) as (file, names, delimiter):
-            _check_names(path, wanted, names)
+        with _opened(path, table_map) as (file, names, delimiter):
+            _check_names(path, wanted, names, table_map.header)
             lines = list(islice(file, rows[0] - 1, rows[1]))
             there = len(_cells(lines[-1], delimiter)) if lines else 0
             if len(lines) > 1 and there < len(names) and not any(file):
@@ -103,7 +108,7 @@ def _load_text(path: Path, wanted: set[str], table_map: TableMap) -> dict[str, F
                 lines.pop()
     except UnicodeDecodeError as error:
         raise BagError(f'{path} cannot be read: save it in UTF-8 ({error})') from None
-    except (OSError, EOFError) as error:
+    except (OSError, EOFError, zlib.error) as error:
         raise BagError(f'{path} cannot be read: {error}') from None
     if decimal == delimiter:
         raise BagError(f'{path}: a comma separates its columns, so it cannot be in its numbers')
@@ -144,8 +149,8 @@ def _load_arrays(path: Path, wanted: set[str], rows: tuple[int, int | None]
     kind, read = ('MAT', _read_mat) if path.suffix.lower() == '.mat' else ('NPZ', _read_npz)
     try:
         arrays = read(path, set(owners.values()))
-        columns = {name: arrays[owners[name]][:, int(place[2])] if place else arrays[name]
-                   for name, place in places.items()}
+        columns = {name: _column_of(path, name, arrays[owners[name]], int(place[2])) if place
+                   else arrays[name] for name, place in places.items()}
     except BagError:
         raise
     except IndexError as error:
@@ -153,6 +158,21 @@ def _load_arrays(path: Path, wanted: set[str], rows: tuple[int, int | None]
     except Exception as error:   # whatever a damaged byte causes, or an array of objects
         raise BagError(f'{path} cannot be read as a {kind} file: {error}') from None
     return _as_columns(path, columns, rows)
+
+
+def _column_of(path: Path, name: str, array: FloatArray, index: int) -> FloatArray:
+    """Take a column of an array; of one that lies on its side it would be a single number."""
+    if array.ndim == 2 and len(array) == 1 < array.shape[1]:
+        raise BagError(f'{path}: {name}: an array of 1 x {array.shape[1]} has one row; '
+                       'transpose it')
+    return array[:, index]
+
+
+def _real(path: Path, name: str, array: np.ndarray) -> FloatArray:
+    """Take an array as numbers; complex ones would lose their imaginary part."""
+    if np.iscomplexobj(array):
+        raise BagError(f'{path}: {name} is complex; save its real or its imaginary part')
+    return np.asarray(array, np.float64)
 
 
 def _read_mat(path: Path, wanted: set[str]) -> dict[str, FloatArray]:
@@ -164,14 +184,14 @@ def _read_mat(path: Path, wanted: set[str]) -> dict[str, FloatArray]:
         content = loadmat(path, variable_names=list(wanted))
     except NotImplementedError:
         raise BagError(f"{path} is a MAT file of version 7.3: save it with '-v7'") from None
-    return {name: np.asarray(content[name], np.float64) for name in wanted}
+    return {name: _real(path, name, content[name]) for name in wanted}
 
 
 def _read_npz(path: Path, wanted: set[str]) -> dict[str, FloatArray]:
     """Read arrays of an NPZ file."""
     with np.load(path) as content:
         _check_names(path, wanted, list(content))
-        return {name: np.asarray(content[name], np.float64) for name in wanted}
+        return {name: _real(path, name, content[name]) for name in wanted}
 
 
 def _as_columns(path: Path, variables: Mapping[str, FloatArray], rows: tuple[int, int | None],

@@ -1,4 +1,4 @@
-"""Knows a file or bag again, by its SHA-256."""
+"""Identifies a file or bag by its SHA-256."""
 from __future__ import annotations
 
 import hashlib

@@ -28,7 +28,8 @@ def to_grid(signals: Mapping[str, Samples], held: Collection[str], sample_time: 
 
     t0 is the first time at which all signals are known: the latest of their first stamps. A live
     node that follows the same rule and holds its commands sees the same samples. Stamps that lie
-    on the grid give their samples unchanged; commands a rounding error after it count as on it.
+    on the grid give their samples unchanged; a command stamped up to a rounding error after a
+    grid time counts at that time.
 
     Args:
         signals: name -> samples as recorded.
@@ -88,13 +89,14 @@ def beside(series: Series, samples: Samples) -> FloatArray:
     first, last = after == 0, after == len(times)
     after[last] -= 1
     later = np.maximum(after, 1)
-    soon = times[after] - grid
-    near = ~first & ~last & ((times[later] - times[later - 1] <= BETWEEN * step)
-                             | (soon <= 0.5 * step))
-    just = ~near & (after + last >= 2) & (grid - times[after + last - 1] < 0.5 * step)
-    later = np.where(just, after + last - 1, later)
-    there = near | just | (soon == 0)
-    values[there] = along(times, samples.values, grid[there], later[there])
+    until_next = times[after] - grid
+    interpolated = ~first & ~last & ((times[later] - times[later - 1] <= BETWEEN * step)
+                                     | (until_next <= 0.5 * step))
+    nearest = ~interpolated & (after + last >= 2) & (
+        grid - times[after + last - 1] < 0.5 * step)
+    later = np.where(nearest, after + last - 1, later)
+    known = interpolated | nearest | (until_next == 0)
+    values[known] = along(times, samples.values, grid[known], later[known])
     return values
 
 

@@ -87,11 +87,16 @@ def readable(path: Path) -> tuple[int, float]:
     """
     data = np.memmap(path, np.uint8, mode='r').view(np.ndarray)
     times: list[IntArray] = []
+    loose: list[int] = []
     with suppress(Exception):   # whatever the break makes of the bytes: it ends there
         for opcode, begin, end in _records(data, MAGIC):
             if opcode == CHUNK:
                 chunk = _uncompressed(data[begin:end])
                 times.append(_heads(chunk, _messages(chunk))['log_time'])
+            elif opcode == MESSAGE:
+                loose.append(begin - PREFIX.size)
+    with suppress(CutError):    # a record too short to be a message
+        times.append(_heads(data, np.array(loose, np.int64))['log_time'])
     found = np.concatenate(times) if times else np.zeros(0, np.uint64)
     return len(found), float(np.ptp(found)) * 1e-9 if len(found) else 0.0
 

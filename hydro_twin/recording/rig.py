@@ -1,12 +1,12 @@
 """The rig of a job: its plant, what its configuration says, and the bags recorded on it."""
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from difflib import get_close_matches
 import logging
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import Any, TYPE_CHECKING
 
 from hydro_twin.errors import UserError
 from hydro_twin.progress import Progress, silent
@@ -69,7 +69,28 @@ def rig_of(plant: Plant, config: Path | None = None, constants: dict[str, float]
             raise UserError(f'{config}: no parameter {name!r}; is {meant[0]!r} meant?')
     clock = clock_of(plant, given, str(config), model.sample_time if model else None)
     values = plant.constant_values(load_constants(plant.name, config) | (constants or {}))
-    return Rig(plant, values, found, clock, sensors, tuple(given.get('follow') or ()))
+    return Rig(plant, values, found, clock, sensors, _follow(given, str(config)))
+
+
+def _follow(parameters: Mapping[str, Any], source: str) -> tuple[str, ...]:
+    """Return the parameters to follow, NAME or NAME=RATE; as the node has it, '' means none.
+
+    Args:
+        parameters: of the configuration, flat.
+        source: where they come from.
+
+    Raises:
+        UserError: they are not a list of texts.
+    """
+    value = parameters.get('follow')
+    if nested := {key.partition('.')[2]: rate for key, rate in parameters.items()
+                  if key.startswith('follow.')}:
+        value = nested
+    if value is None:
+        return ()
+    if not isinstance(value, list) or not all(isinstance(entry, str) for entry in value):
+        raise UserError(f'{source}: follow must be a list of NAME or NAME=RATE, not {value!r}')
+    return tuple(value)
 
 
 def read(bags: Sequence[Path], rig: Rig, show: Progress = silent) -> Recording:

@@ -8,6 +8,9 @@ import numpy as np
 
 from hydro_twin.arrays import FloatArray, IntArray
 
+OFTEN, EVER = 0.02, 0.002   # tail shares: frequent changes of one part, rare ones of the other
+HALF = 0.5              # share of a frequent change in one part that the other part must reach
+
 
 @dataclass(frozen=True)
 class Series:
@@ -140,12 +143,11 @@ def split_by_series(recording: Recording) -> tuple[Recording, Recording]:
     return Recording(train, recording.sources), Recording(test, recording.sources)
 
 
-OFTEN, EVER = 0.02, 0.002   # tail shares: frequent changes of one part, rare ones of the other
-HALF = 0.5              # share of a frequent change in one part that the other part must reach
-
-
 def moves_alike(one: Recording, other: Recording, signal: str, lag: float) -> bool:
-    """Whether a signal moves in two parts about as fast, either way.
+    """Return whether a signal moves about as fast in two parts of a recording.
+
+    So it does where changes as fast as the frequent ones of each part also occur, to at least
+    half, in the other, in both directions.
 
     Args:
         one: a part of a recording.

@@ -107,8 +107,8 @@ def load_signals(plant: str, names: Sequence[str], config: Path | None = None,
                   if not key.startswith('signals.') or key.split('.')[1] in names} | (
                       {} if config is None else given)
     source = str(config or usual)
-    if parameters.get('plant', '') not in ('', plant):
-        raise UserError(f'{source}: for the plant {parameters["plant"]}, not {plant}')
+    if (other := parameters.get('plant') or plant) != plant:
+        raise UserError(f'{source}: for the plant {other}, not {plant}')
     # A name without a slash is relative to the namespace of the node, which a bag does not have.
     return {name: replace(where, topic=f'/{where.topic.removeprefix("/")}') for name, where in
             signal_maps(parameters, names, source).items()}
@@ -130,8 +130,10 @@ def signal_maps(parameters: Mapping[str, Any], names: Sequence[str], source: str
     given: dict[str, dict[str, Any]] = {name: {} for name in names}
     for key, value in parameters.items():
         root, _, rest = key.partition('.')
-        if root != 'signals':
+        if root != 'signals' or (value is None and rest in ('', *names)):    # nothing under it
             continue
+        if not rest:
+            raise UserError(f'{source}: signals must be a map of signals, not {value!r}')
         name, _, attribute = rest.partition('.')
         if name not in given:
             raise UserError(f'{source}: no signal {name!r} in this plant; it has '
@@ -180,7 +182,7 @@ def number(value: Any, what: str) -> float:
     """
     try:
         result = float(value)   # YAML reads 1e-3, without a point, as text
-    except (TypeError, ValueError):
+    except (TypeError, ValueError, OverflowError):
         result = math.nan
     if isinstance(value, bool) or not math.isfinite(result):
         raise UserError(f'{what} must be a finite number, not {value!r}')
@@ -199,7 +201,7 @@ def load_yaml(path: Path) -> Any:
         return yaml.safe_load(path.read_text(encoding='utf-8'))
     except OSError as error:
         raise UserError(f'{path}: {error.strerror}') from None
-    except (yaml.YAMLError, UnicodeDecodeError) as error:
+    except (yaml.YAMLError, ValueError, RecursionError) as error:   # a date of month 13; nesting
         raise UserError(f'{path} is not YAML: {" ".join(str(error).split())}') from None
 
 

@@ -99,7 +99,8 @@ def _nanoseconds(path: Path, table_map: TableMap, table: Mapping[str, FloatArray
     seconds = (time - time[0]) * factor
     if (longest := float(np.ptp(seconds))) > LONGEST:
         raise BagError(f'{path}: the times span {longest:.3g} s, more than stamps can: is the '
-                       'unit of the time column right?')
+                       + ('unit of the time column right?' if table_map.time else
+                          'sample_rate right?'))
     return np.asarray(np.rint((time - time[0]) * (factor * 1e9)), np.int64)
 
 
@@ -151,7 +152,7 @@ def _cut(columns: Mapping[str, FloatArray], time: IntArray, new_run: np.ndarray,
 
 
 def _evened(stamps: IntArray) -> IntArray:
-    """Put stamps on a line over their counts, of whole ns a period, if all are within EVEN."""
+    """Replace stamps by even ones, whole ns apart, if that moves none by over EVEN of a period."""
     if len(stamps) < 3:
         return stamps
     time = (stamps - stamps[0]).astype(np.float64)

@@ -24,6 +24,7 @@ UNITS = {   # unit of a column -> its SI unit, and how much of it it is
     'Pa': ('Pa', 1.0), 'kPa': ('Pa', 1e3), 'MPa': ('Pa', 1e6), 'bar': ('Pa', 1e5),
     'V': ('V', 1.0), 'mV': ('V', 1e-3), 'A': ('A', 1.0), 'mA': ('A', 1e-3),
 }
+SLOWEST, FASTEST = 1e-9, 1e9    # sample rates [Hz]: stamps are whole ns, and hold 2e9 s
 
 
 @dataclass(frozen=True)
@@ -114,6 +115,9 @@ def load_map(path: Path) -> TableMap:
         rate = number(document['sample_rate'], f'{path}: sample_rate')
         if rate <= 0.0:
             raise UserError(f'{path}: sample_rate must be above zero')
+        if not SLOWEST <= rate <= FASTEST:
+            raise UserError(f'{path}: sample_rate {rate:g} Hz is not between {SLOWEST:g} and '
+                            f'{FASTEST:g} Hz')
     time = _column(document['time'], f'{path}: time') if 'time' in document else None
     if time is not None and time.si_unit not in (None, 's'):
         raise UserError(f'{path}: time: {time.unit} is not a unit of time; there are '
@@ -127,12 +131,12 @@ def load_map(path: Path) -> TableMap:
     signals = {str(name): _column(given, f'{path}: signal {name}')
                for name, given in document['signals'].items()}
     return TableMap(
-        plant=str(document.get('plant', '')), signals=signals, time=time,
+        plant=str(document.get('plant') or ''), signals=signals, time=time,
         sample_time=1.0 / rate if rate else None,
         series=str(document['series']) if 'series' in document else None,
         rows=_rows(document.get('rows', [1, None]), f'{path}: rows'),
         time_range=_time_range(document.get('time_range', [None, None]), f'{path}: time_range'),
-        origin=' '.join(str(document.get('origin', '')).split()), decimal=decimal,
+        origin=' '.join(str(document.get('origin') or '').split()), decimal=decimal,
         header=header)
 
 

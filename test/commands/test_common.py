@@ -5,7 +5,10 @@ from pathlib import Path
 import pytest
 
 from hydro_twin.commands import common
+from hydro_twin.commands.main import main
 from hydro_twin.errors import UserError
+from hydro_twin.model import Model, write_model
+from hydro_twin.plants import PLANTS
 from hydro_twin.progress import progress
 from hydro_twin.recording.clock import Clock
 
@@ -66,6 +69,23 @@ def test_a_sample_time_below_zero_is_refused(config):
     path = config('{sample_time: -0.002}')
     with pytest.raises(UserError, match=r'rig\.yaml: sample_time must not be below zero'):
         common.rig_from(parse('--plant', 'load_simulator', '--config', str(path)))
+
+
+def test_the_command_is_what_main_was_given():
+    args = argparse.Namespace(argv=['refit', 'my bag', '-o', 'm.yaml'])
+    assert common.command_line(args) == "hydro-twin refit 'my bag' -o m.yaml"
+
+
+@pytest.mark.parametrize('arguments', [
+    ['trace', 'no bag', '--plant', 'load_simulator', '-o', 'out', '--model'],
+    ['excitation', 'no bag', '--model']])
+def test_an_analytical_model_is_needed(tmp_path, capsys, arguments):
+    path = tmp_path / 'mlp.yaml'
+    write_model(Model(PLANTS['load_simulator'], {'D_m': 2e-5}, 0.002, kind='mlp',
+                      network='mlp.safetensors'), path)
+    assert main([*arguments, str(path)]) == 2
+    assert capsys.readouterr().err == (f'hydro-twin {arguments[0]}: {path}: a model of kind mlp; '
+                                       'an analytical one is needed\n')
 
 
 def test_progress_goes_to_standard_error(capsys, monkeypatch):

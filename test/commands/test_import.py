@@ -68,6 +68,24 @@ def test_a_sensor_may_be_in_the_table_and_missing_in_some_rows(tmp_path, capsys)
     assert np.isnan(series['v'][20:]).all()
 
 
+@pytest.mark.filterwarnings('error')
+def test_a_sensor_may_be_missing_in_some_tables_or_in_all(tmp_path, capsys):
+    for name, values in (('a', ['nan'] * 20), ('b', range(20))):
+        (tmp_path / f'{name}.csv').write_text('t,u,x,v\n' + ''.join(
+            f'{0.002 * k:.3f},{k % 7},{k * k},{v}\n' for k, v in enumerate(values)))
+    (tmp_path / 'map.yaml').write_text(
+        'plant: cylinder\ntime: t\nsignals: {command: u, x: x, v: v}\n')
+    arguments = ['--map', str(tmp_path / 'map.yaml'), '--json']
+    a, b = str(tmp_path / 'a.csv'), str(tmp_path / 'b.csv')
+    assert main(['import', a, b, '-o', str(tmp_path / 'both'), *arguments]) == 0
+    signals = json.loads(capsys.readouterr().out)['signals']
+    assert signals['v'] == {'unit': 'm/s', 'min': 0.0, 'max': 19.0}
+    assert main(['import', a, '-o', str(tmp_path / 'one'), *arguments]) == 0
+    assert json.loads(capsys.readouterr().out)['signals'].keys() == {'command', 'x'}
+    (series,) = ht_read(tmp_path / 'one', 'cylinder').recording.series
+    assert series.columns.keys() == {'command', 'x'}
+
+
 @pytest.mark.parametrize(('text', 'says'), [
     ('plant: rocket\ntime: t\nsignals: {x: x}', "no plant 'rocket'"),
     ('plant: cylinder\ntime: t\nsignals: {x: x}', 'the signals of cylinder are command, x'),

@@ -58,6 +58,7 @@ def test_without_json_a_person_reads(verb, capsys):
      'hydro-twin replay: x: No such file or directory\n'),
     (ModuleNotFoundError("No module named 'torch'", name='torch'), 2,
      "hydro-twin replay: needs the module torch: install '.[learn]' from the repository\n"),
+    (MemoryError(), 2, 'hydro-twin replay: not enough memory\n'),
     (KeyboardInterrupt(), 130, 'hydro-twin replay: interrupted\n'),
 ])
 def test_errors_are_one_line(verb, capsys, error, status, line):

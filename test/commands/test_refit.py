@@ -2,6 +2,9 @@ from dataclasses import replace
 import json
 from pathlib import Path
 import re
+import shlex
+import subprocess
+import sys
 
 import numpy as np
 import pytest
@@ -80,6 +83,17 @@ def test_the_model_file_knows_where_it_came_from(bag, tmp_path, capsys):
     assert model.record.provenance['method'] == 'least_squares'
     assert model.record.provenance['criterion'] == 'one_step'
     assert {'command', 'version'} <= set(model.record.provenance)
+    assert shlex.split(model.record.provenance['command']) == [
+        'hydro-twin', 'refit', str(bag), '--plant', 'load_simulator', '-o', str(out), '--json',
+        '--criterion', 'one_step', '--seed', '3']
+
+
+def test_as_a_program_of_ros_the_model_file_names_the_verb(bag, tmp_path):
+    arguments = [str(bag), '--plant', 'load_simulator', '-o', str(tmp_path / 'model.yaml')]
+    subprocess.run([sys.executable, str(BAGS.parent / 'scripts' / 'refit'), *arguments,
+                    '--criterion', 'one_step'], check=True, capture_output=True)
+    command = read_model(tmp_path / 'model.yaml').record.provenance['command']
+    assert shlex.split(command)[:6] == ['hydro-twin', 'refit', *arguments[:4]]
 
 
 def test_replay_model_file_and_study_agree_with_refit(bag, tmp_path, capsys):
@@ -268,8 +282,31 @@ def test_a_bag_that_is_too_short_or_still(tmp_path, capsys):
     assert 'long enough' in err
     status, _, err = refit(capsys, still, tmp_path / 'model.yaml')
     assert status == 2
-    assert 'constant' in err
+    assert 'the training part: T_g is constant at 0' in err
     assert not (tmp_path / 'model.yaml').exists()
+
+
+def test_what_is_only_predicted_may_be_at_rest_or_short(bag, tmp_path, capsys):
+    still = tmp_path / 'still'
+    main(['simulate', '--plant', 'load_simulator', '-o', str(still), '--duration', '0.04',
+          '--excitation', 'u_m=sine:amplitude=0', '--excitation', 'theta_d=sine:amplitude=0'])
+    capsys.readouterr()
+    status, result, _ = refit(capsys, bag, tmp_path / 'model.yaml', '--test', str(still),
+                              '--criterion', 'one_step')
+    assert status == 0
+    assert result['test']['one_step'] == pytest.approx(0.0, abs=1e-9)
+    assert result['unconstrained']['test'] == pytest.approx(0.0, abs=1e-9)
+    assert result['persistence']['test'] == 0.0
+
+
+@pytest.mark.parametrize(('name', 'says'), [
+    ('', 'is a folder; a file is needed'), ('w.safetensors', 'name it')])
+def test_where_no_model_can_be_is_said_before_the_fit(tmp_path, capsys, name, says):
+    status, _, err = refit(capsys, 'no bag', tmp_path / name)
+    assert status == 2
+    assert says in err
+    assert err.count('\n') == 1
+    assert list(tmp_path.iterdir()) == []
 
 
 def test_a_folder_that_is_not_there(bag, tmp_path, capsys):

@@ -9,7 +9,11 @@ import numpy as np
 import pytest
 
 from hydro_twin.commands.main import main
-from hydro_twin.model import read_model
+from hydro_twin.errors import UserError
+from hydro_twin.fitting.refit import Refit
+from hydro_twin.model import Model, read_model
+from hydro_twin.plants import PLANTS
+from hydro_twin.predictors.network import Network, network_bytes
 from hydro_twin.predictors.network_predictor import load_network
 
 # Not imported to be looked for: that takes seconds of each process that collects the tests.
@@ -36,6 +40,21 @@ def test_an_mlp_of_the_structure_asked_for(
     replayed = json.loads(capsys.readouterr().out)['one_step']['rmse']
     both = sorted((result['train']['one_step'], result['test']['one_step']))
     assert both[0] * 0.99 < replayed < both[1] * 1.01
+
+
+def test_each_model_file_has_weights_of_its_own(tmp_path: Path) -> None:
+    network = network_bytes(Network(np.array([14, 1]), np.zeros(15), np.zeros(14), np.ones(14),
+                                    1.0, 1.0))
+    fitted = Refit(Model(PLANTS['load_simulator'], {'D_m': 2e-5}, 0.002, kind='mlp'), None,
+                   network, None, None, {})
+    for name in ('rig.v1', 'rig.v2', 'rig.yaml'):
+        fitted.save(tmp_path / name)
+    assert {path.name for path in tmp_path.iterdir()} == {
+        'rig.v1', 'rig.v1.safetensors', 'rig.v2', 'rig.v2.safetensors', 'rig.yaml',
+        'rig.safetensors'}
+    assert read_model(tmp_path / 'rig.v2').network == 'rig.v2.safetensors'
+    with pytest.raises(UserError, match=r'name it .*rig\.yaml'):
+        fitted.save(tmp_path / 'rig.safetensors')
 
 
 @pytest.mark.slow

@@ -202,7 +202,38 @@ def test_another_model_needs_a_picture(bag, model, capsys):
 
 def test_ros_arguments_are_for_publishing(capsys):
     assert main(['replay', 'bag', '--ros-args', '-r', 'a:=b']) == 2
-    assert capsys.readouterr().err == 'hydro-twin replay: --ros-args are for --publish\n'
+    assert capsys.readouterr().err == 'hydro-twin replay: --ros-args: for --publish only\n'
+
+
+@pytest.mark.parametrize(('arguments', 'says'), [
+    (['--model', 'm.yaml', '--rate', '2'], '--rate: for --publish only'),
+    (['--model', 'm.yaml', '--loop', '--clock'], '--loop, --clock: for --publish only'),
+    (['--publish', '-o', 'out'], '-o: not with --publish, which plays the bag as it is'),
+    (['--publish', '--model', 'm.yaml', '--picture', 'p.png'],
+     '--model, --picture: not with --publish, which plays the bag as it is'),
+])
+def test_options_are_for_publishing_or_for_a_model(capsys, arguments, says):
+    assert main(['replay', 'bag', *arguments]) == 2
+    assert capsys.readouterr().err == f'hydro-twin replay: {says}\n'
+
+
+@pytest.mark.parametrize(('option', 'place', 'says'), [
+    ('-o', 'none/out', 'there is no folder'), ('--picture', 'none/p.png', 'there is no folder'),
+    ('--picture', '', 'is a folder')])
+def test_where_nothing_can_be_written_is_said_at_once(tmp_path, capsys, option, place, says):
+    status, _, err = replay(capsys, 'no bag', '--model', 'no model', option, tmp_path / place)
+    assert status == 2
+    assert says in err
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_a_model_file_that_is_no_yaml(bag, tmp_path, capsys):
+    path = tmp_path / 'model.yaml'
+    for text in ('a: 2020-13-45', '[' * 5000):
+        path.write_text(text)
+        status, _, err = replay(capsys, bag, '--model', path)
+        assert (status, err.count('\n')) == (2, 1)
+        assert 'model.yaml: not a YAML file' in err
 
 
 def test_a_wrong_ros_argument_is_one_line(capsys):

@@ -110,6 +110,8 @@ def test_a_burst_is_added_for_as_long_as_it_lasts(tmp_path, capsys):
     (['--constant', 'Q=1'], 'no constant Q'),
     (['--duration', '0'], 'at least ten samples'),
     (['--noise=-1'], 'not below zero'),
+    (['--snr', 'nan'], '--snr nan: must be finite'),
+    (['--snr', 'inf'], '--snr inf: must be finite'),
     (['--effect', 'stiffening@coupling:cubic=1e5', '--excitation', 'u_m=sine:amplitude=1e9'],
      'diverges'),
     (['--config', 'nowhere.yaml'], 'nowhere.yaml'),

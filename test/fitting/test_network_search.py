@@ -11,7 +11,7 @@ import pytest
 
 from hydro_twin.errors import UserError
 from hydro_twin.fitting.network import Job, Problem, train_batch
-from hydro_twin.fitting.network_search import choose, score, Scores, search, split
+from hydro_twin.fitting.network_search import choose, draw_split, score, Scores, search
 from hydro_twin.predictors.kind import Settings
 
 # Not imported to be looked for: that takes seconds of each process that collects the tests.
@@ -56,17 +56,36 @@ def test_validates_on_patterns_not_trained_on(problem: Problem, tmp_path: Path) 
     log = tmp_path / 'search.jsonl'
     scores = scored(problem, log)
     assert choose(scores, 3) == LARGE
-    train, rest = split(150, 0, 1)
+    train, rest = draw_split(150, 0, 1)
     assert sorted([*train, *rest]) == list(range(150))
     assert len(train) == 100
-    assert not np.array_equal(train, split(150, 0, 2)[0])
+    assert not np.array_equal(train, draw_split(150, 0, 2)[0])
+    network = train_batch(problem, [Job(LARGE, 1, train)])[0].network
+    error = problem.error(network, problem)[rest]
+    assert scores[LARGE][1] == pytest.approx(np.sqrt(np.mean(error**2)), rel=1e-6)
+    error = problem.error(network, problem)[train]
+    assert scores[LARGE][1] != pytest.approx(np.sqrt(np.mean(error**2)), rel=1e-3)
 
 
 def test_refuses_the_file_of_another_search(problem: Problem, tmp_path: Path) -> None:
     log = tmp_path / 'search.jsonl'
     scored(problem, log)
-    with pytest.raises(UserError, match='another search'):
+    with pytest.raises(UserError, match='another search, of other data or another seed'):
         score(problem, [SMALL, LARGE], log, seed=1, repeats=4)
+    whole = log.read_bytes()
+    log.write_bytes(b'\xff' + whole)
+    with pytest.raises(UserError, match='another search'):
+        scored(problem, log)
+    assert log.read_bytes() == b'\xff' + whole
+
+
+def test_a_damaged_line_is_a_trial_to_repeat(problem: Problem, tmp_path: Path) -> None:
+    log = tmp_path / 'search.jsonl'
+    scores = scored(problem, log)
+    lines = log.read_bytes().splitlines()
+    log.write_bytes(b'\n'.join([*lines[:3], lines[3].replace(b'"train"', b'"tr\xffin"'),
+                                *lines[4:]]))
+    assert scored(problem, log) == scores
 
 
 def test_takes_the_smaller_on_a_tie() -> None:

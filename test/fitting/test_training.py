@@ -9,7 +9,7 @@ import pytest
 
 from hydro_twin.errors import DataError, UserError
 from hydro_twin.fitting.network import (
-    first_weights,
+    initial_weights,
     Job,
     make_problem,
     Problem,
@@ -54,14 +54,14 @@ def test_steps_as_torch_does(torch: Any, problem: Problem, decay: float) -> None
     sizes = [14, 6, 5, 1]
     x = torch.tensor((problem.regressors - problem.shift) / problem.scale)
     y = torch.tensor(problem.targets / problem.output_scale)
-    weights = torch.tensor(np.stack([first_weights(sizes, seed) for seed in range(3)]))
+    weights = torch.tensor(np.stack([initial_weights(sizes, seed) for seed in range(3)]))
     models = []
     for start in weights:
         parts = [part[0] for layer in rprop.layers(start[None], sizes) for part in layer]
         parameters = [part.clone().requires_grad_() for part in parts]
         models.append((parameters, torch.optim.Rprop(parameters)))
     slope, previous = torch.empty_like(weights), torch.zeros_like(weights)
-    steps = torch.full_like(weights, rprop.FIRST)
+    steps = torch.full_like(weights, rprop.INITIAL_STEP)
     for _ in range(60):
         squares = rprop.gradient(weights, sizes, x.expand(3, -1, -1), y[None, :, None], decay,
                                  slope)
@@ -84,7 +84,7 @@ def test_a_batch_is_its_networks(problem: Problem) -> None:
     for job, trained in zip(jobs, train_batch(problem, jobs), strict=True):
         alone = train_batch(problem, [job])[0]
         np.testing.assert_allclose(trained.network.weights, alone.network.weights, atol=1e-4)
-        np.testing.assert_allclose(trained.curve, alone.curve, rtol=1e-4)
+        np.testing.assert_allclose(trained.learning_curve, alone.learning_curve, rtol=1e-4)
 
 
 def test_each_of_a_batch_has_its_own_rows(problem: Problem) -> None:
@@ -94,7 +94,7 @@ def test_each_of_a_batch_has_its_own_rows(problem: Problem) -> None:
     for part, trained in zip(rows, batch, strict=True):
         cut = replace(problem, regressors=problem.regressors[part], targets=problem.targets[part])
         alone = train_batch(cut, [Job(settings, 1)])[0]
-        np.testing.assert_allclose(trained.curve, alone.curve, rtol=1e-4)
+        np.testing.assert_allclose(trained.learning_curve, alone.learning_curve, rtol=1e-4)
 
 
 def test_learns_what_no_linear_model_can(problem: Problem) -> None:
@@ -103,15 +103,15 @@ def test_learns_what_no_linear_model_can(problem: Problem) -> None:
     linear = rows @ np.linalg.lstsq(rows, problem.targets)[0] - problem.targets
     error = trained.network(problem.regressors) - problem.targets
     assert np.sqrt(np.mean(error**2)) < 0.2 * np.sqrt(np.mean(linear**2))
-    assert np.sqrt(np.mean(error**2)) == pytest.approx(trained.curve[-1], rel=0.1)
+    assert np.sqrt(np.mean(error**2)) == pytest.approx(trained.learning_curve[-1], rel=0.1)
 
 
 def test_the_curve_starts_at_the_untrained_network(problem: Problem) -> None:
     trained = train_batch(problem, [Job(SMALL, 3)])[0]
-    untrained = problem.network(SMALL, first_weights([14, 6, 5, 1], 3))
+    untrained = problem.network(SMALL, initial_weights([14, 6, 5, 1], 3))
     error = untrained(problem.regressors) - problem.targets
-    assert trained.curve[0] == pytest.approx(np.sqrt(np.mean(error**2)), rel=1e-5)
-    assert trained.curve.shape == (40,)
+    assert trained.learning_curve[0] == pytest.approx(np.sqrt(np.mean(error**2)), rel=1e-5)
+    assert trained.learning_curve.shape == (40,)
 
 
 @pytest.mark.slow
@@ -121,19 +121,19 @@ def test_a_seed_gives_the_same_network_in_any_process(problem: Problem) -> None:
     assert first.network.weights.tolist() == again.network.weights.tolist()
     assert not np.array_equal(first.network.weights, other.network.weights)
     here = train_batch(problem, jobs[:1])[0]
-    np.testing.assert_allclose(first.curve[:10], here.curve[:10], rtol=1e-4)
+    np.testing.assert_allclose(first.learning_curve[:10], here.learning_curve[:10], rtol=1e-4)
 
 
 def test_watches_patterns_that_do_not_train(problem: Problem) -> None:
     other = make_problem([series(seed=5)], LOAD_SIMULATOR)
     settings = replace(SMALL, epochs=5)
-    watched = train_batch(problem, [Job(settings, 1)], watched=other)[0]
+    scored = train_batch(problem, [Job(settings, 1)], held_out=other)[0]
     plain = train_batch(problem, [Job(settings, 1)])[0]
-    assert watched.network.weights.tolist() == plain.network.weights.tolist()
-    assert np.isnan(plain.watched).all()
-    untrained = problem.network(SMALL, first_weights([14, 6, 5, 1], 1))
+    assert scored.network.weights.tolist() == plain.network.weights.tolist()
+    assert np.isnan(plain.held_out_curve).all()
+    untrained = problem.network(SMALL, initial_weights([14, 6, 5, 1], 1))
     error = untrained(other.regressors) - other.targets
-    assert watched.watched[0] == pytest.approx(np.sqrt(np.mean(error**2)), rel=1e-5)
+    assert scored.held_out_curve[0] == pytest.approx(np.sqrt(np.mean(error**2)), rel=1e-5)
 
 
 def test_scales_as_the_paper(problem: Problem) -> None:

@@ -2,6 +2,7 @@
 import contextlib
 import os
 from pathlib import Path
+import re
 import shutil
 import sqlite3
 import struct
@@ -15,9 +16,10 @@ pytest.importorskip('mcap')     # which has no rosdep key
 from mcap import records  # noqa: E402,I100
 from mcap.exceptions import EndOfFile, InvalidMagic  # noqa: E402
 from mcap.stream_reader import StreamReader  # noqa: E402
+from mcap.writer import Writer  # noqa: E402
 
 from hydro_twin.errors import BagError  # noqa: E402
-from hydro_twin.recording.bag import read_signals  # noqa: E402
+from hydro_twin.recording.bag import opened, read_signals  # noqa: E402
 from hydro_twin.recording.read import read_recording  # noqa: E402
 from hydro_twin.recording.signals import SignalMap  # noqa: E402
 
@@ -103,6 +105,26 @@ def test_mcap_cut_short_tells_how_much_is_left(long_bag, tmp_path, keep, single)
     line = refusal(file if single else path)
     assert 'cut short' in line
     assert f'{count_by_reference(file)} messages' in line
+
+
+def test_mcap_without_chunks_cut_short_tells_how_much_is_left(tmp_path):
+    file = tmp_path / 'bag.mcap'
+    with file.open('wb') as stream:
+        writer = Writer(stream, use_chunking=False)
+        writer.start('ros2', 'test')
+        schema = writer.register_schema(JOINT_STATE, 'ros2msg',
+                                        STORE.generate_msgdef(JOINT_STATE)[0].encode())
+        channels = {topic: writer.register_channel(topic, 'cdr', schema)
+                    for topic in ('/command', '/states')}
+        for topic, time, message in rig(300):
+            writer.add_message(channels[topic], time,
+                               bytes(STORE.serialize_cdr(message, JOINT_STATE)), time)
+        writer.finish()
+    os.truncate(file, int(file.stat().st_size * 0.6))
+    count = count_by_reference(file)
+    assert count > 300
+    assert f'{count} messages over {(count // 2 - 1) * 0.002:.1f} s can still be read' in refusal(
+        file)
 
 
 def count_by_reference(file):
@@ -196,6 +218,30 @@ def test_any_damage_gives_a_reading_or_one_line(victim, tmp_path, data):
     except BagError as error:
         said = str(error)
     assert found.keys() == SIGNALS.keys() if not said else '\n' not in said
+
+
+def test_an_error_of_the_one_who_reads_is_no_damage(tmp_path):
+    path = write_bag(tmp_path / 'bag', rig(5))
+    with pytest.raises(KeyError, match='of the reader'), opened(path):
+        raise KeyError('of the reader')
+
+
+def test_a_count_that_is_no_number(tmp_path):
+    path = write_bag(tmp_path / 'bag', rig(5), 'sqlite3')
+    metadata = path / 'metadata.yaml'
+    metadata.write_text(re.sub(r'message_count: \d+', 'message_count: x', metadata.read_text()))
+    assert 'is damaged' in refusal(path)
+    with pytest.raises(BagError, match='is damaged'), opened(path):
+        pass
+
+
+def test_damage_is_named_while_messages_are_read(tmp_path):
+    path = write_bag(tmp_path / 'bag', rig(1000), 'mcap', 'STORAGE')
+    with (path / 'bag.mcap').open('r+b') as file:
+        file.seek((path / 'bag.mcap').stat().st_size // 2)
+        file.write(bytes(1000))
+    with opened(path) as reader, pytest.raises(BagError, match='is damaged'):
+        list(reader.messages())
 
 
 def test_definition_that_nobody_knows(tmp_path):

@@ -101,6 +101,16 @@ def test_mcap_written_by_the_reference_library_reads_too(tmp_path):
         assert_same(read_signals(path, SIGNALS), expected)
 
 
+def test_a_signal_may_be_a_stamp(tmp_path):
+    messages = [('/states', 5 * 10**9 + k, joint_state((k + 1) * 10**9 + 7, ['shaft'], [0.5]))
+                for k in range(20)]
+    found = read_signals(write_bag(tmp_path / 'bag', messages), {
+        's': SignalMap('/states', JOINT_STATE, 'header.stamp.sec'),
+        'x': SignalMap('/states', JOINT_STATE, 'position[0]')})
+    assert found['s'].values.tolist() == list(range(1, 21))
+    assert found['x'].stamps.tolist() == [k * 10**9 + 7 for k in range(1, 21)]
+
+
 def test_joints_that_come_and_go_and_swap(tmp_path):
     messages = []
     expected = []

@@ -68,6 +68,8 @@ def test_file_changes_what_it_names_and_leaves_the_rest(tmp_path):
 
 @pytest.mark.parametrize(('text', 'says'), [
     ('a: [', 'not YAML'),
+    ('a: 2020-13-45', 'not YAML'),
+    ('[' * 5000, 'not YAML'),
     ('just text', 'not a ROS parameter file'),
     ('/**: {signals: {u_m: {scale: 2}}}', 'not a ROS parameter file'),
     ('/**: {ros__parameters: {signals: {u: {scale: 2}}}}', "no signal 'u'.*u_m, theta_d, T_g"),
@@ -80,6 +82,8 @@ def test_file_changes_what_it_names_and_leaves_the_rest(tmp_path):
     ('/**: {ros__parameters: {signals: {u_m: {scale: .nan}}}}', 'finite number'),
     ('/**: {ros__parameters: {signals: {u_m: {scale: true}}}}', 'finite number'),
     ('/**: {ros__parameters: {signals: {u_m: {scale: 0.0}}}}', 'must not be zero'),
+    (f'/**: {{ros__parameters: {{signals: {{u_m: {{scale: 1{"0" * 400}}}}}}}}}', 'finite number'),
+    ('/**: {ros__parameters: {signals: 5}}', 'signals must be a map of signals, not 5'),
 ])
 def test_mistakes_in_the_file_are_one_line(tmp_path, text, says):
     path = config(tmp_path, text)
@@ -87,6 +91,13 @@ def test_mistakes_in_the_file_are_one_line(tmp_path, text, says):
         load_signals('load_simulator', ['u_m', 'theta_d', 'T_g'], path)
     assert str(path) in str(caught.value)
     assert '\n' not in str(caught.value)
+
+
+@pytest.mark.parametrize('text', ['signals:', 'signals: {u_m: }', 'plant:'])
+def test_what_is_left_empty_is_as_usual(tmp_path, text):
+    path = config(tmp_path, f'/**: {{ros__parameters: {{{text}}}}}')
+    names = ['u_m', 'theta_d', 'T_g']
+    assert load_signals('load_simulator', names, path) == load_signals('load_simulator', names)
 
 
 def test_file_that_is_not_there(tmp_path):

@@ -65,6 +65,61 @@ def test_columns_without_names_are_counted(tmp_path):
         table_map(tmp_path, MAP + "header: 'no'\n")
 
 
+@pytest.mark.parametrize('separator', [';', '\t', '   '])
+def test_a_decimal_comma_without_names(tmp_path, separator):
+    path = tmp_path / 'a.csv'
+    path.write_text(''.join(separator.join((f'{k},0', f'{k},25', f'{k},5')) + '\n'
+                            for k in range(20)))
+    text = """
+plant: cylinder
+time: {column: 1}
+signals: {command: {column: 2}, x: {column: 3}}
+header: false
+decimal: ','
+"""
+    (series,) = read_table(path, table_map(tmp_path, text))
+    assert series['command'].tolist() == [k + 0.25 for k in range(20)]
+    assert series['x'].tolist() == [k + 0.5 for k in range(20)]
+
+
+def test_a_damaged_archive_is_one_line(tmp_path):
+    path = tmp_path / 'a.csv.gz'
+    content = bytearray(gzip.compress(CSV.encode()))
+    content[12:20] = bytes(range(248, 256))
+    path.write_bytes(content)
+    with pytest.raises(BagError, match=r'a\.csv\.gz cannot be read'):
+        read_table(path, table_map(tmp_path))
+
+
+@pytest.mark.parametrize('form', ['mat', 'npz'])
+@pytest.mark.parametrize(('more', 'column', 'says'), [
+    ({'q': np.ones((1, 9))}, 'q[0]', 'q[0]: an array of 1 x 9 has one row; transpose it'),
+    ({'x': 1j * np.ones(9)}, 'x', 'x is complex; save its real or its imaginary part')])
+def test_arrays_that_would_be_misread(tmp_path, form, more, column, says):
+    path = tmp_path / f'a.{form}'
+    columns = {'u': np.arange(9.0), **more}
+    savemat(path, columns) if form == 'mat' else np.savez(path, **columns)
+    with pytest.raises(BagError, match=re.escape(f'{path}: {says}')):
+        read_table(path, table_map(tmp_path, f"""
+plant: cylinder
+sample_rate: 250
+signals: {{command: u, x: '{column}'}}
+"""))
+
+
+def test_what_a_map_leaves_empty(tmp_path):
+    found = table_map(tmp_path, MAP.replace('plant: cylinder', 'plant:') + 'origin:\n')
+    assert (found.plant, found.origin) == ('', '')
+
+
+def test_a_sample_rate_too_slow_for_stamps(tmp_path):
+    (tmp_path / 'a.csv').write_text('u\n' + '1\n' * 20)
+    with pytest.raises(BagError, match=r'span 1.9e\+10 s, more than stamps can: is the '
+                       r'sample_rate right'):
+        read_table(tmp_path / 'a.csv', table_map(
+            tmp_path, 'plant: cylinder\nsample_rate: 1e-9\nsignals: {x: u, command: u}'))
+
+
 def test_blanks_between_columns(tmp_path):
     path = tmp_path / 'a.txt'
     path.write_text('# ' + CSV.replace(',', '   '))
@@ -137,6 +192,8 @@ signals: {command: t, x: run}
     ('plant: cylinder\nsignals: {x: x}\ntime: t\nsample_rate: 1', "either 'time'"),
     ('plant: cylinder\nsignals: {x: x}\nrate: 5', 'unknown rate'),
     ('plant: cylinder\nsignals: {x: x}\nsample_rate: 0', 'above zero'),
+    ('plant: cylinder\nsignals: {x: x}\nsample_rate: 1e12', 'not between 1e-09 and 1e.09 Hz'),
+    ('plant: cylinder\nsignals: {x: x}\nsample_rate: 1e-320', 'not between 1e-09 and 1e.09 Hz'),
     ('plant: cylinder\nsignals: {x: x}\nsample_rate: often', 'finite number'),
     ('plant: cylinder\nsignals: {x: {unit: mm}}\ntime: t', 'signal x needs either'),
     ('plant: cylinder\nsignals: {x: {column: x, unit: inch}}\ntime: t', "unit 'inch'.*mm"),

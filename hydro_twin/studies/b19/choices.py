@@ -166,14 +166,15 @@ def bounded_errors(
     train = problems['train']
 
     def run(seed: int) -> dict[str, float]:
-        from hydro_twin.fitting.network import first_weights
-        from hydro_twin.fitting.rprop import as_tensor, descend, gradient
+        from hydro_twin.fitting import rprop
+        from hydro_twin.fitting.network import initial_weights
 
-        x, y = (as_tensor(a[None], 'cpu') for a in train.scaled(train))
+        x, y = (rprop.as_tensor(a[None], 'cpu') for a in train.scaled(train))
         sizes = [x.shape[2], *settings.hidden, 1]
-        weights, *_ = descend(
-            lambda w, out: gradient(w, sizes, x, y[..., None], settings.decay, out, bounded=True),
-            first_weights(sizes, seed)[None], settings.epochs, 'cpu', lambda: None)
+        weights, *_ = rprop.train(
+            lambda w, out: rprop.gradient(w, sizes, x, y[..., None], settings.decay, out,
+                                          bounded=True),
+            initial_weights(sizes, seed)[None], settings.epochs, 'cpu', lambda: None)
         network = replace(train, output_scale=1.0).network(settings, weights[0])
         return {part: rms(train.output_scale * np.tanh(network(problem.regressors))
                           - problem.targets) for part, problem in problems.items()}

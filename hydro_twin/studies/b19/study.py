@@ -175,7 +175,8 @@ def network_runs(
     jobs = [Job(settings, seed) for seed in seeds]
     for trained in train_many(problems['train'], jobs, device, problems['test']):
         predictor = NetworkPredictor(model, trained.network)
-        yield Run(scores(predictor, recordings), trained.curve, trained.watched)
+        yield Run(scores(predictor, recordings), trained.learning_curve,
+                  trained.held_out_curve)
 
 
 def recordings_of(parts: Mapping[str, Part]) -> dict[str, Recording]:
