@@ -284,7 +284,7 @@ def run(  # type: ignore[no-untyped-def]
                 move_sensors(N, slopes, 0, noise, variance, innovation, results[k])
         if known and measured.shape[1] > 1:
             update_by_sensors(S, slopes, variances, filter_.gate, nis, x, z, slow, measured[k],
-                            results[k])
+                              results[k])
         if len(estimates) > 0:
             show(filter_.shown, S, x, z, q, work[1, :m], work[5, :P], free, estimates[k])
         if slow is not None:
