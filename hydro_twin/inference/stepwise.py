@@ -29,13 +29,16 @@ from hydro_twin.inference.held_out import held_out_gain, residuals
 from hydro_twin.inference.noise import cannot_be_noise
 from hydro_twin.inference.select import (
     Alternative,
+    best_first,
     fit_alternatives,
     is_distinguishable,
     LONG,
     refine,
     search,
+    search_all,
     unsearched,
 )
+from hydro_twin.inference.starts import relocated
 from hydro_twin.inference.structure import drift_test, is_drift_significant
 from hydro_twin.model import Model
 from hydro_twin.predictors.scores import rms
@@ -109,7 +112,8 @@ def _memoryless_first(alternatives: Sequence[Alternative], base: Fit, context: C
     """Put a static law first where it explains about as much as one with memory.
 
     Between steps of the command, hysteresis and a dead zone differ only at reversals. The gain of
-    hysteresis must show on held-out data; else the dead zone is taken.
+    hysteresis must show on held-out data; else the dead zone is taken, if need be at another of
+    its ports: where its search began it may have ended in a local minimum.
 
     Args:
         alternatives: best first.
@@ -125,10 +129,19 @@ def _memoryless_first(alternatives: Sequence[Alternative], base: Fit, context: C
             base.error**2 - first.fit.error**2)
         static = rival.placed.effect.memory == 0 and not rival.placed.effect.dynamic
         if static and enough:
-            helps = held_out_gain(rival.fit, first.fit, context.held_out, context.seed)
-            if not helps.low > 0.0:
-                return [rival, *(one for one in alternatives if one is not rival)]
+            others = (one for one in alternatives if one is not rival)
+            for static_law in _at_ports(rival.fit, context):
+                helps = held_out_gain(static_law, first.fit, context.held_out, context.seed)
+                if not helps.low > 0.0:
+                    return [Alternative(static_law), *others]
     return list(alternatives)
+
+
+def _at_ports(fit: Fit, context: Context) -> Iterator[Fit]:
+    """Yield a fit, then the best with its last effect at another port, if there is one."""
+    yield fit
+    moved = search_all(relocated(fit.candidate, context.parts), context.parts, LONG)
+    yield from best_first([*moved])[:1]
 
 
 def _earned(found: Finding, without: Fit, added: Alternative, parts: Sequence[Part]) -> bool:

@@ -309,8 +309,9 @@ def test_a_reset_while_the_residual_is_judged_leaves_what_begins_alone(monkeypat
         twin.start_over()
         return found
 
-    monkeypatch.setattr(monitor, 'judge', judge)
     before = twin._locator
+    monkeypatch.setattr(monitor, 'judge', judge)
+    monkeypatch.setattr(before, 'located', lambda: None)     # what it takes on stays there
     assert twin.judge() is None
     assert before is not twin._locator
     assert before._rise is found
