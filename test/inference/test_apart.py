@@ -8,7 +8,7 @@ from traced_rig import fitted, PLANT, record, VALUES
 from hydro_twin.fitting.parts import Part
 from hydro_twin.inference.apart import by_recording, is_drift_preferred
 from hydro_twin.inference.select import search
-from hydro_twin.model import place
+from hydro_twin.model import Model, place
 from hydro_twin.recording.series import Recording
 
 DRIFT = {'rate': 0.02, 'begin': 10.0, 'end': 33.0}
@@ -22,9 +22,18 @@ def in_turn(*stiffness):
                            for k, one in enumerate(series)))
 
 
+def drifting():
+    """Record three series, ten seconds apart, while the coupling stiffens."""
+    rig = Model(PLANT, VALUES, 0.002, (place('drift', 'G', DRIFT, PLANT),), substeps=4)
+    rng = np.random.default_rng(0)
+    return Recording(tuple(
+        replace(one, columns=one.columns | {
+            'T_g': rig.run(one) + 0.5 * rng.standard_normal(len(one))})
+        for one in record(count=3, noise=0.0).series))
+
+
 @pytest.mark.parametrize(('recorded', 'is_one'), [
-    (lambda: in_turn(1.0, 1.3, 1.15), False),
-    (lambda: record(('drift', 'G', DRIFT), count=3), True)])
+    (lambda: in_turn(1.0, 1.3, 1.15), False), (drifting, True)])
 def test_a_drift_is_distinguished_from_recordings_that_differ(recorded, is_one):
     fit, parts, _ = fitted(recorded())
     bare = fit.candidate
