@@ -15,6 +15,7 @@ from diagnostic_msgs.msg import DiagnosticArray
 import pytest
 import rclpy
 from rclpy.executors import SingleThreadedExecutor
+from rclpy.node import Node
 from rclpy.qos import DurabilityPolicy, QoSProfile
 from sensor_msgs.msg import JointState
 
@@ -49,6 +50,21 @@ def lossless(inputs: Sequence[str] = INPUTS, outputs: Sequence[str] = OUTPUTS,
                 *((topic, 'publisher') for topic in outputs)]
     return {f'qos_overrides.{topic}.{entity}.{policy}': value for topic, entity in settings
             for policy, value in (('reliability', 'reliable'), ('depth', DEPTH))} | {'wait': 10.0}
+
+
+@contextlib.contextmanager
+def running_node[N: Node](kind: Callable[[], N], *arguments: str) -> Iterator[N]:
+    """Make a node that does not spin, with these ROS arguments, on a domain of its own."""
+    with own_domain():
+        rclpy.init(args=['test', '--ros-args', '--log-level', 'fatal', *arguments])
+        try:
+            node = kind()
+            try:
+                yield node
+            finally:
+                node.destroy_node()
+        finally:
+            rclpy.try_shutdown()
 
 
 @contextlib.contextmanager

@@ -102,6 +102,27 @@ def data_from(args: argparse.Namespace, rig: Rig, earlier: Sequence[Path] = ()) 
     return read_data(args.bags, args.test, rig, progress, earlier)
 
 
+def check_folder(path: Path) -> None:
+    """Refuse an output that has no folder to go to.
+
+    Raises:
+        UserError: there is none.
+    """
+    if not path.absolute().parent.is_dir():
+        raise UserError(f'{path}: there is no folder {path.parent}')
+
+
+def check_file(path: Path, what: str) -> None:
+    """Refuse a file for `what`, a model or a picture, that cannot be made there.
+
+    Raises:
+        UserError: there is no folder for it, or a folder in its place.
+    """
+    check_folder(path)
+    if path.is_dir():
+        raise UserError(f'{path}: is a folder; a file is needed for the {what}')
+
+
 def command_line(args: argparse.Namespace) -> str:
     """Return the command that `main` was given, for a model file."""
     return shlex.join(['hydro-twin', *args.argv])

@@ -11,13 +11,13 @@ from hydro_twin.commands.common import (
     add_rig_arguments,
     add_seed_argument,
     assignment,
+    check_file,
     command_line,
     data_from,
     rig_from,
 )
 from hydro_twin.commands.effect_option import EffectOption, GROUP
 from hydro_twin.commands.verb import Verb
-from hydro_twin.errors import UserError
 from hydro_twin.plugins import plugins
 from hydro_twin.progress import progress
 
@@ -107,10 +107,7 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
     from hydro_twin.fitting.refit import check_name, companion, Request
     from hydro_twin.model import read_model
 
-    if not args.output.absolute().parent.is_dir():
-        raise UserError(f'{args.output}: there is no folder {args.output.parent}')
-    if args.output.is_dir():
-        raise UserError(f'{args.output}: is a folder; a file is needed for the model')
+    check_file(args.output, 'model')
     check_name(args.output)
     request = Request(
         args.predictor, args.method, args.criterion, dict(args.fix), hidden=args.hidden,

@@ -7,7 +7,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any, TYPE_CHECKING
 
-from hydro_twin.commands.common import add_config_argument
+from hydro_twin.commands.common import add_config_argument, check_file, check_folder
 from hydro_twin.commands.verb import Verb
 from hydro_twin.errors import UserError
 from hydro_twin.progress import progress
@@ -85,11 +85,10 @@ def _replay(bag: Path, model: Path, output: Path | None, config: Path | None,
 
     if output is not None and output.exists():
         raise UserError(f'{output} exists already: it is not overwritten')
-    if picture is not None and picture.is_dir():
-        raise UserError(f'{picture}: is a folder; a file is needed for the picture')
-    for path in filter(None, (output, picture)):
-        if not path.parent.is_dir():
-            raise UserError(f'{path}: there is no folder {path.parent}')
+    if picture is not None:
+        check_file(picture, 'picture')
+    if output is not None:
+        check_folder(output)
     as_fitted = read_model(model)
     plant = as_fitted.plant
     for path in beside:

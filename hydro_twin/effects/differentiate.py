@@ -13,7 +13,7 @@ import textwrap
 from typing import Any
 
 from hydro_twin.effects.rules import BINARY, FUNCTIONS, INACTIVE
-from hydro_twin.effects.syntax import assigned, Inlined, loaded, names_in
+from hydro_twin.effects.syntax import assigned, Inlined, loaded, names_in, stored_in
 
 # Names that generated code knows beside its own.
 BUILT_IN = {'abs', 'float', 'int', 'len', 'math', 'max', 'min', 'range', 'round'}
@@ -40,10 +40,9 @@ class Function:
         self.helpers: dict[str, Function] = {}
         self.count = 0
         self.indent = 1
-        nodes = [n for statement in self.body for n in ast.walk(statement)]
-        self.pairs = [pair for node in nodes for pair in assigned(node)]
-        self.stored = [n.id for n in nodes
-                       if isinstance(n, ast.Name) and isinstance(n.ctx, ast.Store)]
+        self.nodes = [n for statement in self.body for n in ast.walk(statement)]
+        self.pairs = [pair for node in self.nodes for pair in assigned(node)]
+        self.stored = stored_in(self.nodes)
         self.begin()
         self.find_seeds()
         # Seeds never assigned, and names assigned once outside any block, need no initialisation.

@@ -2,6 +2,7 @@
 from __future__ import annotations
 
 import ast
+from collections.abc import Iterable
 import math
 from types import ModuleType
 from typing import Any
@@ -47,6 +48,11 @@ def assigned(node: ast.AST) -> list[tuple[ast.expr, ast.expr]]:
 def names_in(node: ast.AST) -> set[str]:
     """List the names in a piece of code."""
     return {n.id for n in ast.walk(node) if isinstance(n, ast.Name)}
+
+
+def stored_in(nodes: Iterable[ast.AST]) -> list[str]:
+    """List the names that nodes set, as often as they do."""
+    return [n.id for n in nodes if isinstance(n, ast.Name) and isinstance(n.ctx, ast.Store)]
 
 
 def loaded(node: ast.expr) -> ast.expr:

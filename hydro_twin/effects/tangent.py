@@ -11,7 +11,7 @@ from collections.abc import Callable
 from typing import Any
 
 from hydro_twin.effects.differentiate import Function, NoTangent
-from hydro_twin.effects.syntax import loaded, names_in
+from hydro_twin.effects.syntax import loaded, names_in, stored_in
 
 # Columns of the partial derivatives: value, both signals, compliance, then parameters and memory.
 VALUE, SIGNAL, COMPLIANCE, PARAMETER = 0, 1, 3, 4
@@ -38,19 +38,18 @@ class _Law(Function):
         """Note the elements that are read; an index that may change cannot be followed."""
         v, s, p, z, _, c, z_next = self.arguments
         self._refuse_whole_arrays({s, p, z, z_next})
-        in_loops = self._bound_in_loops()
+        varying = self._varying()
         self.columns: dict[str, str] = {}
         for name, column in ((v, VALUE), (c, COMPLIANCE)):
             self.follows[name] = {self.seed(name)}
             self.columns[name] = str(column)
         first = {s: f'{SIGNAL} + ', p: f'{PARAMETER} + ', z: f'{PARAMETER} + len({p}) + '}
-        for node in (n for statement in self.body for n in ast.walk(statement)):
+        for node in self.nodes:
             if not isinstance(node, ast.Subscript) or not isinstance(node.value, ast.Name):
                 continue
             text, index = ast.unparse(node), ast.unparse(node.slice)
             if node.value.id in first:
-                if any(self.stored.count(name) > 1 or name in in_loops
-                       for name in names_in(node.slice)):
+                if names_in(node.slice) & varying:
                     raise NoTangent(text)
                 self.follows[text] = {self.seed(text)}
                 self.columns[text] = first[node.value.id] + index
@@ -63,9 +62,8 @@ class _Law(Function):
 
     def _refuse_whole_arrays(self, arrays: set[str]) -> None:
         """Refuse arrays that are used otherwise than by element: what a helper does with them."""
-        elsewhere = [n for statement in self.body for n in ast.walk(statement)
-                     if isinstance(n, ast.Name) and n.id in arrays]
-        for node in (n for statement in self.body for n in ast.walk(statement)):
+        elsewhere = [n for n in self.nodes if isinstance(n, ast.Name) and n.id in arrays]
+        for node in self.nodes:
             if isinstance(node, ast.Subscript):
                 elsewhere = [n for n in elsewhere if n is not node.value]
             elif isinstance(node, ast.Call) and ast.unparse(node.func) == 'len':
@@ -73,12 +71,11 @@ class _Law(Function):
         if elsewhere:
             raise NoTangent(elsewhere[0].id)
 
-    def _bound_in_loops(self) -> set[str]:
-        """List the names that a loop sets, so that they differ from one pass to the next."""
-        loops = [n for statement in self.body for n in ast.walk(statement)
-                 if isinstance(n, ast.For | ast.While)]
-        return {n.id for loop in loops for n in ast.walk(loop)
-                if isinstance(n, ast.Name) and isinstance(n.ctx, ast.Store)}
+    def _varying(self) -> set[str]:
+        """List the names that are set more than once: twice in the text, or in a loop."""
+        loops = [n for n in self.nodes if isinstance(n, ast.For | ast.While)]
+        return {name for name in self.stored if self.stored.count(name) > 1} | {
+            name for loop in loops for name in stored_in(ast.walk(loop))}
 
     def head(self) -> str:
         """Write the first line, and clear what is filled."""

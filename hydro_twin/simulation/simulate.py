@@ -46,13 +46,13 @@ def simulate(plant: Plant, values: Mapping[str, float], effects: Sequence[Placed
         UserError: the duration is shorter than a sample, or an effect is a drift.
     """
     T = sample_time or plant.sample_time
-    if not round(duration / T) > 0:
+    count = round(duration / T)
+    if count < 1:
         raise UserError(f'a duration of {duration:g} s is shorter than a sample, {T:g} s')
     if any(placed.effect.course for placed in effects):
         raise UserError('a drift cannot be simulated: parameters are constant here')
     laws = plant.laws(values)
     rows = [[sensor.name for sensor in plant.sensors].index(name) for name in sensors]
-    count = round(duration / T)
     fastest = float(np.abs(np.linalg.eigvals(laws.A)).max())
     longest = min(LONGEST_STEP * max(plant.sample_time, USUAL), FASTEST / max(fastest, 1e-9))
     steps = int(np.ceil(T / longest))

@@ -1,7 +1,6 @@
 """The node of `keep` in this process, without a twin: what it listens to, and what may fail."""
 from __future__ import annotations
 
-from collections.abc import Iterator
 import contextlib
 from pathlib import Path
 from types import SimpleNamespace
@@ -15,7 +14,7 @@ from diagnostic_msgs.msg import DiagnosticArray  # noqa: E402,I100
 from rclpy.node import Node  # noqa: E402
 from rclpy.parameter import Parameter  # noqa: E402
 from rclpy.qos import DurabilityPolicy, QoSProfile  # noqa: E402
-from ros_rig import own_domain  # noqa: E402
+from ros_rig import running_node  # noqa: E402
 from store_models import write  # noqa: E402
 
 from hydro_twin.errors import UserError  # noqa: E402
@@ -31,21 +30,11 @@ pytestmark = pytest.mark.filterwarnings("ignore:module 'sre_")
 COMMAND = '/load_simulator/command'
 
 
-@contextlib.contextmanager
-def running(folder: Path, *arguments: str) -> Iterator[KeepNode]:
+def running(folder: Path, *arguments: str) -> contextlib.AbstractContextManager[KeepNode]:
     """Make a node that does not spin, with its store in a folder."""
     flags = [word for argument in (f'store:={folder / "store"}', *arguments)
              for word in ('-p', argument)]
-    with own_domain():
-        rclpy.init(args=['test', '--ros-args', '--log-level', 'fatal', *flags])
-        try:
-            node = KeepNode()
-            try:
-                yield node
-            finally:
-                node.destroy_node()
-        finally:
-            rclpy.try_shutdown()
+    return running_node(KeepNode, *flags)
 
 
 @pytest.fixture

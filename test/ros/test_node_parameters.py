@@ -3,6 +3,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 import contextlib
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -12,7 +13,7 @@ rclpy = pytest.importorskip('rclpy')
 
 from rclpy.parameter import Parameter  # noqa: E402,I100
 from rclpy.time import Time  # noqa: E402
-from ros_rig import own_domain  # noqa: E402
+from ros_rig import running_node  # noqa: E402
 
 from hydro_twin.errors import UserError  # noqa: E402
 from hydro_twin.model import Model, Noise, write_model  # noqa: E402
@@ -22,20 +23,7 @@ from hydro_twin.ros.node import TwinNode  # noqa: E402
 # What rclpy imports imports what is out of date.
 pytestmark = pytest.mark.filterwarnings("ignore:module 'sre_")
 
-
-@contextlib.contextmanager
-def running(*arguments: str) -> Iterator[TwinNode]:
-    """Make a node that does not spin."""
-    with own_domain():
-        rclpy.init(args=['test', '--ros-args', '--log-level', 'fatal', *arguments])
-        try:
-            node = TwinNode()
-            try:
-                yield node
-            finally:
-                node.destroy_node()
-        finally:
-            rclpy.try_shutdown()
+running = partial(running_node, TwinNode)
 
 
 def set_(node: TwinNode, name: str, value: Any) -> Any:
