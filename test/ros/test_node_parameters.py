@@ -11,6 +11,7 @@ import pytest
 
 rclpy = pytest.importorskip('rclpy')
 
+from rclpy.clock import ROSClock  # noqa: E402,I100
 from rclpy.parameter import Parameter  # noqa: E402,I100
 from rclpy.time import Time  # noqa: E402
 from ros_rig import running_node  # noqa: E402
@@ -213,8 +214,10 @@ def test_diagnostics_go_on_over_a_reload_and_by_the_clock_of_the_bag(
         elapsed: list[float] = []
         monkeypatch.setattr(diagnosis, 'statuses', lambda now, time, publishers:
                             elapsed.append(time) or [])
+        clock = node.get_clock()
+        assert isinstance(clock, ROSClock)
         for second in (0, 1_700_000_000, 1_700_000_003):
-            node.get_clock().set_ros_time_override(Time(seconds=second))
+            clock.set_ros_time_override(Time(seconds=second))
             node._diagnose(1.0)
         assert elapsed == [1.0, 1.0, 3.0]
         assert set_(node, 'model', str(copied(model, 'other'))).successful
