@@ -127,7 +127,7 @@ def estimate_noise(model: Model, series: Sequence[Series]) -> Noise | None:
         The noise; None where the model diverges.
     """
     predictor = Analytical(model)
-    system, plant = predictor.system, model.plant
+    plant = model.plant
     parts = excerpts(series)
     runs = np.concatenate([states(predictor, part) for part in parts])
     if not (np.abs(runs) < kernel.LIMIT).all():
@@ -136,13 +136,7 @@ def estimate_noise(model: Model, series: Sequence[Series]) -> Noise | None:
     second = np.concatenate([np.diff(part[plant.output.name], 2) for part in parts])
     guess = max(rms(second) / math.sqrt(6.0), QUIETEST * plant.output_scale)
     start = dict(zip(plant.states, map(float, runs.std(axis=0)), strict=True))
-    horizon = plant.start_samples(model.sample_time) * model.sample_time
-    reach = {}
-    for name, row in zip(plant.states, system.laws.E, strict=True):
-        if row.any():
-            unit = np.array([float(other == name) for other in plant.states])
-            reach[name] = float(np.linalg.norm(
-                system.laws.C @ process_root(system.laws, horizon, unit)))
+    reach = reach_of_noise(model)
     measured = [part.stacked([signal.name for signal in (plant.output, *plant.sensors)])
                 for part in parts]
     movement = [float(np.std(column[np.isfinite(column)])) if np.isfinite(column).sum() >= SCORED
@@ -172,6 +166,18 @@ def estimate_noise(model: Model, series: Sequence[Series]) -> Noise | None:
     expected = np.concatenate([variance[min(model.start_up, len(variance) // 2):, 0]
                                for _, variance in likelihood.innovations(noise)])
     return replace(noise, innovation=math.sqrt(expected.mean()) if noise.sensors else None)
+
+
+def reach_of_noise(model: Model) -> dict[str, float]:
+    """Say how far unit noise on the rate of each state moves the output over the start-up time.
+
+    Of the states that a port drives, by the linear laws.
+    """
+    laws, states = model.system.laws, model.plant.states
+    horizon = model.plant.start_samples(model.sample_time) * model.sample_time
+    return {name: float(np.linalg.norm(laws.C @ process_root(laws, horizon, unit)))
+            for name, row, unit in zip(states, laws.E, np.eye(len(states)), strict=True)
+            if row.any()}
 
 
 def excerpts(series: Sequence[Series]) -> list[Series]:

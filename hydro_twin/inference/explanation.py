@@ -20,7 +20,13 @@ from hydro_twin.inference.continuation import from_short_windows, with_rivals_of
 from hydro_twin.inference.curve import FittedCurve
 from hydro_twin.inference.findings import Selection
 from hydro_twin.inference.held_out import held_out_gain
-from hydro_twin.inference.select import Alternative, fit_alternatives, LONG, search
+from hydro_twin.inference.select import (
+    Alternative,
+    fit_alternatives,
+    LONG,
+    search,
+    search_sticking,
+)
 from hydro_twin.inference.stepwise import (
     FINEST,
     is_discretisation_error,
@@ -162,6 +168,7 @@ def _finalised(selection: Selection, base: Fit, context: Context) -> Selection:
     if selection.findings:
         fine = with_fine_steps(selection.fit, context.parts, FINEST)
         better = search(fine.candidate, context.parts, LAST)
+        better = search_sticking(better, context.parts)
         selection = without_indistinct(replace(selection, fit=better), context)
         selection = without_unsupported(selection, base, context)
     return selection if selection.findings else Selection(base)

@@ -15,6 +15,7 @@ import numpy as np
 
 from hydro_twin.effects import Placed
 from hydro_twin.fitting.fit import Fit
+from hydro_twin.fitting.homotopy import search_by_homotopy
 from hydro_twin.fitting.linear import SUBSTEPS
 from hydro_twin.fitting.parts import Part
 from hydro_twin.fitting.problem import Problem, solve_all
@@ -81,6 +82,13 @@ def search_all(candidates: Sequence[Model], parts: Sequence[Part], evaluations: 
                ) -> Iterator[Fit]:
     """Fit several, on all cores, and yield the fits in their order."""
     return solve_all(_problems(candidates, parts), evaluations, TOLERANCE)
+
+
+def search_sticking(fit: Fit, parts: Sequence[Part]) -> Fit:
+    """Search by homotopy a model with dry friction or a stop that leaves more than white noise."""
+    if is_white(fit.by_part) or not any(one.effect.implicit for one in fit.candidate.effects):
+        return fit
+    return search_by_homotopy(fit, parts, LONG, TOLERANCE)
 
 
 def unsearched(candidate: Model, parts: Sequence[Part]) -> Fit:

@@ -36,6 +36,7 @@ from hydro_twin.inference.select import (
     refine,
     search,
     search_all,
+    search_sticking,
     unsearched,
 )
 from hydro_twin.inference.starts import relocated
@@ -96,6 +97,7 @@ def select_forward(selection: Selection, alternatives: Sequence[Alternative], co
             break
         better = with_fine_steps(first.fit, context.parts, FINE_ENOUGH)
         better = best_interpolation(better, context.parts)
+        better = search_sticking(better, context.parts)
         context.remember(better)
         selection = exchange(Selection(better, (*selection.findings, found)), context)
         selection = refined(selection, selection.findings[:-1], context)

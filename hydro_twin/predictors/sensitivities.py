@@ -1,17 +1,20 @@
-"""Free runs with their derivatives by parameters, timing and the initial state.
+"""Runs with their derivatives by parameters, timing and the initial state.
 
-The runs are those of the kernel, to the last digit.
+Free runs are those of the kernel, to the last digit. With output feedback, each sample moves the
+state toward what was measured before the next step.
 """
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import NamedTuple
 
 import numpy as np
 
 from hydro_twin.arrays import FloatArray, IntArray
-from hydro_twin.compiled import compiled
+from hydro_twin.compiled import compiled, inlined
 from hydro_twin.predictors.kernel import LIMIT
-from hydro_twin.predictors.rows import copy, in_rows
+from hydro_twin.predictors.law_derivatives import BEFORE
+from hydro_twin.predictors.rows import add, copy, in_rows, WIDTH
 from hydro_twin.predictors.step_derivatives import (
     advance,
     divided,
@@ -26,9 +29,26 @@ from hydro_twin.predictors.tangents import Directions, lasting, split_rows, Tang
 UNBOUNDED = 1e50        # of a derivative: its products in a fit would overflow
 
 
+class OutputFeedback(NamedTuple):
+    """What a run with output feedback needs, as an observer with a constant gain.
+
+    Attributes:
+        measured: the output, nan where there is none, (N,).
+        gain: by how much each state rises for an output measured one above the predicted, (n,);
+            empty: the run is free.
+    """
+
+    measured: FloatArray
+    gain: FloatArray
+
+
+FREE = OutputFeedback(np.zeros(0), np.zeros(0))
+
+
 @compiled
 def run_stretches(  # type: ignore[no-untyped-def]
-        step, tangent, x, z, template, work, blocks, g, inputs, sensors, y, dy, stretches):
+        step, tangent, x, z, template, work, blocks, g, inputs, sensors, y, dy, stretches,
+        feedback):
     """Fill y (N, 1 + K) with output and sensors, dy (N, 1 + K, D) with their derivatives.
 
     Each row of stretches (R, 5) holds a part, where it begins and ends in the arrays, the first
@@ -61,6 +81,18 @@ def run_stretches(  # type: ignore[no-untyped-def]
             for q in range(len(sensors)):
                 y[at, 1 + q] = read_sensor(step, tangent, sensors[q], state, memory, work, rows,
                                            dy[at, 1 + q])
+            if len(feedback.gain) > 0 and feedback.measured[at] == feedback.measured[at]:
+                correct(state, rows, feedback.gain, feedback.measured[at] - y[at, 0], dy[at, 0])
+
+
+@inlined
+def correct(x, rows, gain, innovation, dy):  # type: ignore[no-untyped-def]
+    """Move a state by its gain for an innovation, and its derivatives by that of the output."""
+    for q in range(len(dy)):
+        rows.spare[BEFORE, q // WIDTH, q % WIDTH] = dy[q]
+    for i in range(len(x)):
+        x[i] += gain[i] * innovation
+        add(rows.X, i, -gain[i], rows.spare, BEFORE)
 
 
 @compiled
@@ -91,9 +123,9 @@ def bound(dy, edges, limit):  # type: ignore[no-untyped-def]
 def run_with_sensitivities(
     system: System, by: Directions, tangents: Sequence[Tangent], inputs: FloatArray,
     edges: IntArray, x: FloatArray, z: FloatArray, starts: Sequence[int | None] = (),
-    sensors: Sequence[str] = (),
+    sensors: Sequence[str] = (), feedback: OutputFeedback = FREE,
 ) -> tuple[FloatArray, FloatArray]:
-    """Run freely over P parts that follow one another, with derivatives.
+    """Run over P parts that follow one another, with derivatives.
 
     Args:
         system: what is run.
@@ -105,6 +137,7 @@ def run_with_sensitivities(
         z: what the effects keep there, (P, memory).
         starts: stamp of the first sample of each [ns]; None, or none at all, stands for now.
         sensors: names of K that are wanted beside the output.
+        feedback: of the output; by default the run is free.
 
     Returns:
         Output and sensors, (N, 1 + K), and their derivatives, (N, 1 + K, D): by the unknowns, by x
@@ -123,7 +156,7 @@ def run_with_sensitivities(
     stages = system.stages
     for k, stretches in system.stretches_of(edges, starts):
         run_stretches(stages[k].step, tangents[k], states, memories, template, work, blocks, g,
-                      inputs, read, y, dy, stretches)
+                      inputs, read, y, dy, stretches, feedback)
     bound(dy, edges, UNBOUNDED)
     if len(kept) < system.memory:
         slopes = np.zeros((*dy.shape[:2], by.count + n + system.memory))
