@@ -21,29 +21,37 @@ from hydro_twin.model import Model
 from hydro_twin.predictors.observer import process_root
 
 # Of process noise on each state, by how much it moves the output over the start-up time, over the
-# noise of measurement. Several times the first, and the observer explains what the laws should;
-# the last hardly moves a run any more.
-RATIOS = (1.0, 0.3, 0.1)
+# noise of measurement. With ten times as much the observer explains what the laws should; with a
+# third of the last it hardly differs from a free run.
+RATIOS = (3.0, 1.0, 0.3)
+TRACKING = 10           # evaluations of a search with feedback: more led no nearer
+PASSES = 3              # at most, each from the last
+LOWERED = 0.9           # of the sum of squares: a pass that leaves more is the last
 
 
 def search_by_homotopy(fit: Fit, parts: Sequence[Part], evaluations: int, tolerance: float) -> Fit:
-    """Search again from a fit, see above; the better of the two.
+    """Search again from a fit, see above, as often as it pays; the best fit.
 
     Args:
         fit: where to begin.
         parts: what was fitted.
-        evaluations: most of each search, see `Problem.search`.
-        tolerance: of each, likewise.
+        evaluations: most of a search of free runs, see `Problem.search`.
+        tolerance: of each search, likewise.
     """
-    candidate = fit.candidate
-    for ratio in RATIOS:
-        gain = steady_state_gain(candidate, ratio)
-        if gain is None:
-            return fit
-        problem = Problem(candidate, fit.unknowns, parts, gain)
-        candidate = problem.candidate(problem.search(evaluations, tolerance).coordinates)
-    return min(fit, Problem(candidate, fit.unknowns, parts).solve(evaluations, tolerance),
-               key=lambda one: one.cost)
+    for _ in range(PASSES):
+        candidate = fit.candidate
+        for ratio in RATIOS:
+            gain = steady_state_gain(candidate, ratio)
+            if gain is None:
+                return fit
+            problem = Problem(candidate, fit.unknowns, parts, gain)
+            candidate = problem.candidate(problem.search(TRACKING, tolerance).coordinates)
+        found = Problem(candidate, fit.unknowns, parts).solve(evaluations, tolerance)
+        pays = found.cost < LOWERED * fit.cost
+        fit = min(found, fit, key=lambda one: one.cost)
+        if not pays:
+            break
+    return fit
 
 
 def steady_state_gain(model: Model, ratio: float) -> FloatArray | None:
