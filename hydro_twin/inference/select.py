@@ -85,8 +85,14 @@ def search_all(candidates: Sequence[Model], parts: Sequence[Part], evaluations: 
 
 
 def search_sticking(fit: Fit, parts: Sequence[Part]) -> Fit:
-    """Search by homotopy a model with dry friction or a stop that leaves more than white noise."""
-    if is_white(fit.by_part) or not any(one.effect.implicit for one in fit.candidate.effects):
+    """Search by homotopy a model with dry friction or a stop that leaves more than white noise.
+
+    Not of a plant that integrates: what moves it without bound, as a constant force, moves it by
+    next to nothing with feedback, so that this tells little of the laws.
+    """
+    candidate = fit.candidate
+    sticks = any(placed.effect.implicit for placed in candidate.effects)
+    if not sticks or candidate.plant.integrates or is_white(fit.by_part):
         return fit
     return search_by_homotopy(fit, parts, LONG, TOLERANCE)
 

@@ -8,15 +8,20 @@ import pytest
 from traced_rig import fitted, PLANT, record, VALUES
 
 from hydro_twin.fitting.output_error import free_run_error
+from hydro_twin.fitting.parts import Part
 from hydro_twin.fitting.port_signals import simulate_port_signals
+from hydro_twin.inference import select
 from hydro_twin.inference.select import (
     fit_alternatives,
     refine,
     search,
+    search_sticking,
+    unsearched,
 )
 from hydro_twin.inference.starts import relocated
 from hydro_twin.inference.stepwise import best_interpolation
-from hydro_twin.model import place
+from hydro_twin.model import Model, place
+from hydro_twin.plants import PLANTS
 from hydro_twin.predictors.system import LINEAR
 
 STRIBECK = ('friction', 'motor', {'coulomb': 6.0, 'stribeck': 4.0, 'stribeck_velocity': 0.02})
@@ -155,3 +160,30 @@ def test_a_refinement_that_nothing_needs_any_more_is_taken_out():
     friction = refine([fit], parts, 0)[0].candidate.effects[0].named
     assert friction['bristle_stiffness'] == float('inf')
     assert friction['coulomb'] == pytest.approx(6.0, rel=0.02)
+
+
+def test_what_sticks_and_leaves_structure_is_searched_by_homotopy(monkeypatch):
+    searched = []
+    monkeypatch.setattr(select, 'search_by_homotopy', lambda fit, *_: searched.append(fit) or fit)
+    alone, parts, _ = fitted(record(STRIBECK, noise=0.3))
+    search_sticking(alone, parts)                       # structure, but nothing that sticks
+    right = search(replace(alone.candidate, substeps=8, effects=(place(*STRIBECK, PLANT),)),
+                   parts, 40)
+    search_sticking(right, parts)                       # nothing but noise
+    assert not searched
+    weak = unsearched(replace(right.candidate, effects=(
+        place('friction', 'motor', {'coulomb': 1.0}, PLANT),)), parts)
+    assert search_sticking(weak, parts) is weak
+    assert searched == [weak]
+
+
+def test_a_plant_that_integrates_is_not_searched_by_homotopy(monkeypatch):
+    """With feedback a force that it lacks moves it by next to nothing."""
+    monkeypatch.setattr(select, 'search_by_homotopy', lambda *_: pytest.fail('searched'))
+    plant = PLANTS['positioning']
+    model = Model(plant, plant.constant_values() | plant.middle(), plant.sample_time,
+                  (place('friction', 'motor', {'coulomb': 10.0}, plant),))
+    inputs = 50.0 * np.sin(0.05 * np.arange(500.0))[:, None]
+    part = Part(inputs, model.system.run(inputs, np.zeros(2)) + np.cos(0.2 * np.arange(500.0)))
+    fit = unsearched(model, [part])
+    assert search_sticking(fit, [part]) is fit
