@@ -192,10 +192,12 @@ class Problem:
                      ) -> Eliminated:
             """Run over some parts, and eliminate their initial states."""
             layout = self.layout.at(parts)
+            # Contiguous with sensors, too: for another layout all would be compiled again.
+            feedback = OutputFeedback(np.ascontiguousarray(layout.measured[:, 0]), self.gain)
             residual, rows = self.residual(layout, parts, *run_with_sensitivities(
                 system, by, tangents, layout.inputs, layout.edges, initial.x, initial.z,
                 [self.parts[k].start for k in parts], self.sensors,
-                OutputFeedback(layout.measured[:, 0], self.gain)), scales)
+                feedback), scales)
             return eliminate(residual, rows[:, by.count:], response, layout.of_parts,
                              rows[:, np.argsort(order)], weights, initial.margins)
 
