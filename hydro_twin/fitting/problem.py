@@ -196,8 +196,7 @@ class Problem:
             feedback = OutputFeedback(np.ascontiguousarray(layout.measured[:, 0]), self.gain)
             residual, rows = self.residual(layout, parts, *run_with_sensitivities(
                 system, by, tangents, layout.inputs, layout.edges, initial.x, initial.z,
-                [self.parts[k].start for k in parts], self.sensors,
-                feedback), scales)
+                [self.parts[k].start for k in parts], self.sensors, feedback), scales)
             return eliminate(residual, rows[:, by.count:], response, layout.of_parts,
                              rows[:, np.argsort(order)], weights, initial.margins)
 
