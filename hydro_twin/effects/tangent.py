@@ -62,14 +62,14 @@ class _Law(Function):
 
     def _refuse_whole_arrays(self, arrays: set[str]) -> None:
         """Refuse arrays that are used otherwise than by element: what a helper does with them."""
-        elsewhere = [n for n in self.nodes if isinstance(n, ast.Name) and n.id in arrays]
+        whole = [n for n in self.nodes if isinstance(n, ast.Name) and n.id in arrays]
         for node in self.nodes:
             if isinstance(node, ast.Subscript):
-                elsewhere = [n for n in elsewhere if n is not node.value]
+                whole = [n for n in whole if n is not node.value]
             elif isinstance(node, ast.Call) and ast.unparse(node.func) == 'len':
-                elsewhere = [n for n in elsewhere if n not in node.args]
-        if elsewhere:
-            raise NoTangent(elsewhere[0].id)
+                whole = [n for n in whole if n not in node.args]
+        if whole:
+            raise NoTangent(whole[0].id)
 
     def _varying(self) -> set[str]:
         """List the names that are set more than once: twice in the text, or in a loop."""

@@ -68,15 +68,10 @@ def steady_state_gain(model: Model, ratio: float) -> FloatArray | None:
     reach = reach_of_noise(model)
     root = process_root(laws, T, np.array([
         ratio / reach[name] if reach.get(name) else 0.0 for name in model.plant.states]))
-    size = np.linalg.norm(root, axis=1)
-    size[size == 0.0] = 1.0
-    # In states of like size: a spool moves by micrometres, and pressures are some MPa.
-    A, C = expm(laws.A * T) * size / size[:, None], laws.C * size
     try:
-        covariance = solve_discrete_are(A.T, C.T, (root @ root.T) / np.outer(size, size),
-                                        np.eye(1))
+        covariance = solve_discrete_are(expm(laws.A * T).T, laws.C.T, root @ root.T, np.eye(1))
     except LinAlgError:
         return None
-    spread = covariance @ C[0]
-    gain: FloatArray = size * spread / (1.0 + C[0] @ spread)
+    spread = covariance @ laws.C[0]
+    gain: FloatArray = spread / (1.0 + laws.C[0] @ spread)
     return gain

@@ -20,7 +20,7 @@ from hydro_twin.fitting.parts import Part
 from hydro_twin.fitting.unknowns import coordinates_of, get, log_search_box, put, Unknown
 from hydro_twin.model import Model
 from hydro_twin.parallel import in_processes
-from hydro_twin.predictors.sensitivities import OutputFeedback, run_with_sensitivities
+from hydro_twin.predictors.sensitivities import FREE, OutputFeedback, run_with_sensitivities
 from hydro_twin.predictors.system import System
 from hydro_twin.predictors.tangents import Directions, tangents_of
 
@@ -85,13 +85,13 @@ class Problem:
         base: from where the search begins.
         unknowns: what is searched.
         parts: what is fitted.
-        gain: of an output feedback, see `OutputFeedback`; by default the runs are free.
+        gain: of an output feedback, see `OutputFeedback`; None: the runs are free.
     """
 
     def __init__(self, base: Model, unknowns: Sequence[Unknown], parts: Sequence[Part],
                  gain: FloatArray | None = None) -> None:
         self.base = base
-        self.gain = np.zeros(0) if gain is None else gain
+        self.gain = gain
         self.unknowns = tuple(unknowns)
         self.parts = parts
         self.sensors = sensors_in(parts, base.plant, base.start_up)
@@ -193,7 +193,8 @@ class Problem:
             """Run over some parts, and eliminate their initial states."""
             layout = self.layout.at(parts)
             # Contiguous with sensors, too: for another layout all would be compiled again.
-            feedback = OutputFeedback(np.ascontiguousarray(layout.measured[:, 0]), self.gain)
+            feedback = FREE if self.gain is None else OutputFeedback(
+                np.ascontiguousarray(layout.measured[:, 0]), self.gain)
             residual, rows = self.residual(layout, parts, *run_with_sensitivities(
                 system, by, tangents, layout.inputs, layout.edges, initial.x, initial.z,
                 [self.parts[k].start for k in parts], self.sensors, feedback), scales)

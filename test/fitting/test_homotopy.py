@@ -12,6 +12,7 @@ from hydro_twin.fitting.homotopy import search_by_homotopy
 from hydro_twin.fitting.linear import fit_linear
 from hydro_twin.fitting.parts import parts_of
 from hydro_twin.inference.select import LONG, search, TOLERANCE
+from hydro_twin.model import place
 from hydro_twin.plants.load_simulator import LOAD_SIMULATOR
 from hydro_twin.recording.series import split
 
@@ -25,9 +26,8 @@ def off(placed: Placed) -> Placed:
     if placed.effect.id != 'friction':
         return replace(placed, values=tuple(0.7 * value for value in placed.values))
     coulomb = 0.7 * placed.named['coulomb']
-    values = {**placed.named, 'coulomb': coulomb, 'stribeck': 0.1 * coulomb,
-              'stribeck_velocity': 0.05}
-    return replace(placed, values=tuple(values.values()))
+    guess = {'coulomb': coulomb, 'stribeck': 0.1 * coulomb, 'stribeck_velocity': 0.05}
+    return place('friction', placed.port.name, placed.named | guess, LOAD_SIMULATOR)
 
 
 @pytest.mark.parametrize('seed', [FRICTION_AND_RIPPLE, FRICTION_AND_SATURATION])

@@ -4,6 +4,7 @@ from __future__ import annotations
 import itertools
 from itertools import pairwise
 
+from central_differences import differences
 import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
@@ -86,17 +87,6 @@ def of_one_part(system, by, tangents, inputs, x, z, start=None, sensors=()):
         system, by, tangents, inputs, np.array([0, len(inputs)]), x[None], z[None], [start],
         sensors)
     return y.T, slopes.transpose(1, 0, 2)
-
-
-def differences(run, at, steps):
-    """Take central differences; also how far they change with the step, which kinks do."""
-    columns = []
-    for i, step in enumerate(steps):
-        unit = step * np.eye(len(at))[i]
-        wide, narrow = ((run(at + k * unit) - run(at - k * unit)) / (2 * k * step)
-                        for k in (1.0, 0.25))
-        columns.append((narrow, np.abs(wide - narrow)))
-    return (np.stack(some, axis=1) for some in zip(*columns, strict=True))
 
 
 @pytest.mark.parametrize(
