@@ -1,9 +1,11 @@
 """Short windows of a plant that integrates: where a search over long ones begins, and its check.
 
 The error of a long free run has many minima: one that is off by half a period of a ripple meets it
-in the wrong phase, and no step of a search leads from there. Over a short window a run stays near
-what was measured, and the minimum is wide. So a ripple is first fitted to short windows, each with
-its own initial state, and goes on from there [Ribeiro et al. 2020, Automatica 121].
+in the wrong phase, and no step of a search leads from there. And a linear fit to long runs may end
+far off, as without inertia, where the constant torque of dry friction is what it lacks. Over a
+short window a run stays near what was measured, and the minimum is wide. So effects are first
+fitted to short windows, each with its own initial state, and go on from there [Ribeiro et al.
+2020, Automatica 121].
 
 A long run also adds up what no law explains, and a law may be chosen for making up for that, as a
 dead zone of the torque where a joint has dry friction. Over short windows little of it adds up.
@@ -21,7 +23,7 @@ from hydro_twin.inference.context import Context
 from hydro_twin.inference.criterion import CLEARLY, delta_bic
 from hydro_twin.inference.findings import Selection
 from hydro_twin.inference.screen import places
-from hydro_twin.inference.select import fit_alternatives, LONG, search, search_all
+from hydro_twin.inference.select import fit_alternatives, KEPT, LONG, search, search_all
 from hydro_twin.inference.starts import with_other
 from hydro_twin.inference.stepwise import LATER
 from hydro_twin.model import Model
@@ -30,14 +32,15 @@ SHORTER = 8             # times: a constant force that is lacking moves a mass b
 
 
 def from_short_windows(base: Fit, context: Context) -> list[Model]:
-    """Fit periodic effects to short windows of a plant that integrates.
+    """Fit effects to short windows of a plant that integrates and may have periodic ones.
 
     Args:
         base: the model without effects, fitted to the data.
         context: the data.
 
     Returns:
-        The best models with one more; none where the plant forgets, or has no place for one.
+        The best models with one more, and all with a periodic one; none where the plant forgets,
+        or has no place for one.
     """
     candidate = base.candidate
     short = _short_windows(candidate, context.parts)
@@ -47,7 +50,8 @@ def from_short_windows(base: Fit, context: Context) -> list[Model]:
     context.progress('fitting short windows')
     found = fit_alternatives(search(candidate, short, LONG), short, context.times, LATER, True,
                              context.progress)
-    return [one.fit.candidate for one in found if one.placed.effect.periodic]
+    return [one.fit.candidate for rank, one in enumerate(found)
+            if rank < KEPT or one.placed.effect.periodic]
 
 
 def with_rivals_of_short_windows(selection: Selection, context: Context) -> Selection:

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from itertools import islice, takewhile
 import math
 
@@ -85,16 +86,29 @@ def search_all(candidates: Sequence[Model], parts: Sequence[Part], evaluations: 
 
 
 def search_sticking(fit: Fit, parts: Sequence[Part]) -> Fit:
-    """Search by homotopy a model with dry friction or a stop that leaves more than white noise.
+    """Search by homotopy a model that sticks and leaves more than white noise; see `sticks`."""
+    return next(search_all_sticking([fit], parts))
+
+
+def search_all_sticking(fits: Sequence[Fit], parts: Sequence[Part]) -> Iterator[Fit]:
+    """Search several, on all cores, and yield the fits in their order."""
+    return in_processes(partial(_search_sticking, parts), fits)
+
+
+def _search_sticking(parts: Sequence[Part], fit: Fit) -> Fit:
+    if not sticks(fit.candidate) or is_white(fit.by_part):
+        return fit
+    return search_by_homotopy(fit, parts, LONG, TOLERANCE)
+
+
+def sticks(candidate: Model) -> bool:
+    """Whether a model has dry friction or a stop, and a search by homotopy may help.
 
     Not of a plant that integrates: what moves it without bound, as a constant force, moves it by
     next to nothing with feedback, so that this tells little of the laws.
     """
-    candidate = fit.candidate
-    sticks = any(placed.effect.implicit for placed in candidate.effects)
-    if not sticks or candidate.plant.integrates or is_white(fit.by_part):
-        return fit
-    return search_by_homotopy(fit, parts, LONG, TOLERANCE)
+    return not candidate.plant.integrates and any(
+        placed.effect.implicit for placed in candidate.effects)
 
 
 def unsearched(candidate: Model, parts: Sequence[Part]) -> Fit:
@@ -218,12 +232,33 @@ def successive_halving(candidates: Sequence[Model], parts: Sequence[Part],
               for rank, fits in enumerate(ranked)]
     two = [fits[:count] for fits, count in zip(ranked, starts, strict=True) if count]
     short = search_all([fit.candidate for fits in two for fit in fits], parts, RACING)
-    better = best_first([best_first(list(islice(short, len(fits))))[0] for fits in two])
+    leading, others = leading_effects(best_first([
+        best_first(list(islice(short, len(fits))))[0] for fits in two]))
     substeps = max((candidate.substeps for candidate in candidates), default=SUBSTEPS)
-    further = search_all([replace(fit.candidate, substeps=substeps) for fit in better[:KEPT]],
+    further = search_all([replace(fit.candidate, substeps=substeps) for fit in leading],
                          parts, SHORT - RACING)
-    return best_first([*further, *better[KEPT:], *(
+    return best_first([*further, *others, *(
         fits[0] for fits, count in zip(ranked, starts, strict=True) if not count)])
+
+
+def leading_effects(ranked: Sequence[Fit]) -> tuple[list[Fit], list[Fit]]:
+    """Divide fits into those of the best `KEPT` effects, each at its best port, and the others.
+
+    A law at two ports is often nearly the same, as a bias before and after a gain, and another
+    law should not be given up for it. The best law is tried at all of its ports in the end.
+
+    Args:
+        ranked: one fit of each effect at each port, best first.
+    """
+    leading: dict[str, Fit] = {}
+    others = []
+    for fit in ranked:
+        effect = fit.candidate.effects[-1].effect
+        if effect.id in leading or len(leading) == KEPT:
+            others.append(fit)
+        else:
+            leading[effect.id] = fit
+    return [*leading.values()], others
 
 
 def nothing_shows(base: Fit, scored: Sequence[ScoredEffect], hiding: Sequence[Model],
@@ -247,7 +282,8 @@ def fit_to_convergence(base: Fit, ranked: Sequence[Fit], parts: Sequence[Part],
     """Fit the best to convergence, refine their last effects, and rank all of them.
 
     The law of the best is tried at its other ports, too, from its fit and from the base: the
-    search from its own start there may have ended in a local minimum.
+    search from its own start there may have ended in a local minimum. Beside an effect that
+    sticks, the best are searched by homotopy: a plain search hardly sees what else is missing.
 
     Args:
         base: the fit without the effect.
@@ -256,16 +292,20 @@ def fit_to_convergence(base: Fit, ranked: Sequence[Fit], parts: Sequence[Part],
         most_error: what leaves more after the race stays as it is.
     """
     most_error = min(most_error, HOPELESS * ranked[0].error)
-    kept = list(takewhile(lambda fit: fit.error <= most_error, ranked[:KEPT]))
+    leading, others = leading_effects(ranked)
+    kept = list(takewhile(lambda fit: fit.error <= most_error, leading))
     longer = list(search_all([fit.candidate for fit in kept], parts, LONG))
     near = WITHIN * min((fit.error for fit in longer), default=0.0)
-    done = refine([fit for fit in longer if fit.error <= near], parts)
+    close = [fit for fit in longer if fit.error <= near]
+    if sticks(base.candidate):
+        close = list(search_all_sticking(close, parts))
+    done = refine(close, parts)
     done += [fit for fit in longer if fit.error > near]
     for best in best_at_each_place(done)[:1]:
         moved = relocated(best.candidate, parts)
         moved += [replace(base.candidate, effects=there.effects) for there in moved]
         done += search_all(moved, parts, LONG)
-    fits = [fit for fit in best_at_each_place([*done, *ranked[len(kept):]])
+    fits = [fit for fit in best_at_each_place([*done, *leading[len(kept):], *others])
             if is_distinguishable(fit, parts)]
     if fits and _drifts(fits[0]) and not _is_drift_preferred(fits[0], parts):
         fits = [fit for fit in fits if not _drifts(fit)]
@@ -325,16 +365,25 @@ def best_at_each_place(fits: Sequence[Fit]) -> list[Fit]:
     return [group[0] for group in at_each_place(best_first(fits))]
 
 
-def refine(fits: Sequence[Fit], parts: Sequence[Part], index: int = -1) -> list[Fit]:
+def refine(fits: Sequence[Fit], parts: Sequence[Part], index: int = -1,
+           by_homotopy: bool = False) -> list[Fit]:
     """Add refinements to the law of an effect, the last or another, where clearly better.
 
     And remove those that are not: they made up for an effect that was missing at the time. Nor is
     a form taken that the recording does not distinguish from a simpler effect, as a limit so soft
     that it is none: the simple law may still stand. Each fit is refined by itself; they are fitted
     in one batch.
+
+    Args:
+        fits: the fits.
+        parts: what was fitted.
+        index: of the effect.
+        by_homotopy: whether forms that stick are searched by homotopy, see `search_sticking`.
     """
     formed = [_forms(fit, parts, index) for fit in fits]
     short = search_all([form for forms in formed for form in forms], parts, SHORT)
+    if by_homotopy:
+        short = search_all_sticking(list(short), parts)
     simple, chosen = [], []
     for fit, forms in zip(fits, formed, strict=True):
         tried = [fit, *islice(short, len(forms))]

@@ -37,6 +37,7 @@ from hydro_twin.inference.select import (
     search,
     search_all,
     search_sticking,
+    sticks,
     unsearched,
 )
 from hydro_twin.inference.starts import relocated
@@ -97,7 +98,7 @@ def select_forward(selection: Selection, alternatives: Sequence[Alternative], co
             break
         better = with_fine_steps(first.fit, context.parts, FINE_ENOUGH)
         better = best_interpolation(better, context.parts)
-        better = search_sticking(better, context.parts)
+        better = _refined_sticking(better, context.parts)
         context.remember(better)
         selection = exchange(Selection(better, (*selection.findings, found)), context)
         selection = refined(selection, selection.findings[:-1], context)
@@ -107,6 +108,19 @@ def select_forward(selection: Selection, alternatives: Sequence[Alternative], co
             break
         alternatives = context.fit_alternatives(selection.fit, LATER)
     return selection
+
+
+def _refined_sticking(fit: Fit, parts: Sequence[Part]) -> Fit:
+    """Search a model that sticks by homotopy, and the forms of its last effect likewise.
+
+    Forms that were judged by a plain search may all have stalled, and with long time steps
+    the breakaway does not show.
+    """
+    fit = search_sticking(fit, parts)
+    last = fit.candidate.effects[-1].effect
+    if sticks(fit.candidate) and last.implicit and not is_white(fit.by_part):
+        (fit,) = refine([fit], parts, by_homotopy=True)
+    return fit
 
 
 def _memoryless_first(alternatives: Sequence[Alternative], base: Fit, context: Context

@@ -11,7 +11,7 @@ from hydro_twin.effects import Placed
 from hydro_twin.fitting.homotopy import search_by_homotopy
 from hydro_twin.fitting.linear import fit_linear
 from hydro_twin.fitting.parts import parts_of
-from hydro_twin.inference.select import LONG, search, TOLERANCE
+from hydro_twin.inference.select import LONG, refine, search, TOLERANCE, unrefined
 from hydro_twin.model import place
 from hydro_twin.plants.load_simulator import LOAD_SIMULATOR
 from hydro_twin.recording.series import split
@@ -48,3 +48,20 @@ def test_a_mass_that_sticks_is_fitted_to_the_noise(seed: int) -> None:
         if placed.effect.id == 'friction':
             for name in ('coulomb', 'stribeck', 'stribeck_velocity'):
                 assert placed.named[name] == pytest.approx(truth.named[name], rel=0.1)
+
+
+def test_a_breakaway_is_found_from_sliding_friction() -> None:
+    """By forms that are searched by homotopy; those that are searched freely end above it."""
+    rig = case_of(FRICTION_AND_SATURATION).rig()
+    train, _ = split(rig.recording())
+    parts = parts_of(train, LOAD_SIMULATOR)
+    true = true_structure(rig)
+    friction, saturation = true.effects
+    assert friction.effect.id == 'friction'
+    sliding = search(replace(true, effects=(unrefined(friction), saturation)), parts, LONG)
+    (plain,), (found,) = (refine([sliding], parts, 0, by_homotopy)
+                          for by_homotopy in (False, True))
+    assert found.error < 1.01 * rig.truth.noise_rms < 0.5 * plain.error
+    for name in ('coulomb', 'stribeck', 'stribeck_velocity'):
+        assert found.candidate.effects[0].named[name] == pytest.approx(
+            friction.named[name], rel=0.02)
