@@ -169,7 +169,8 @@ def test_a_law_at_two_ports_takes_one_of_the_leading_places():
              ('saturation', 'spool', {'lower': -1e-5, 'upper': 1e-5}),
              ('bias', 'sensor', {'offset': 1.0}),
              ('leakage', 'leakage', {'flow': 1e-6, 'exponent': 0.5}),
-             ('dead_zone', 'spool', {'width': 1e-6}), ('orifice', 'flow', {'supply_pressure': 2e7})]
+             ('dead_zone', 'spool', {'width': 1e-6}),
+             ('orifice', 'flow', {'supply_pressure': 2e7})]
     ranked = [unsearched(replace(alone.candidate, effects=(place(*one, PLANT),)), parts)
               for one in tried]
     leading, others = leading_effects(ranked)
