@@ -232,33 +232,12 @@ def successive_halving(candidates: Sequence[Model], parts: Sequence[Part],
               for rank, fits in enumerate(ranked)]
     two = [fits[:count] for fits, count in zip(ranked, starts, strict=True) if count]
     short = search_all([fit.candidate for fits in two for fit in fits], parts, RACING)
-    leading, others = leading_effects(best_first([
-        best_first(list(islice(short, len(fits))))[0] for fits in two]))
+    better = best_first([best_first(list(islice(short, len(fits))))[0] for fits in two])
     substeps = max((candidate.substeps for candidate in candidates), default=SUBSTEPS)
-    further = search_all([replace(fit.candidate, substeps=substeps) for fit in leading],
+    further = search_all([replace(fit.candidate, substeps=substeps) for fit in better[:KEPT]],
                          parts, SHORT - RACING)
-    return best_first([*further, *others, *(
+    return best_first([*further, *better[KEPT:], *(
         fits[0] for fits, count in zip(ranked, starts, strict=True) if not count)])
-
-
-def leading_effects(ranked: Sequence[Fit]) -> tuple[list[Fit], list[Fit]]:
-    """Divide fits into those of the best `KEPT` effects, each at its best port, and the others.
-
-    A law at two ports is often nearly the same, as a bias before and after a gain, and another
-    law should not be given up for it. The best law is tried at all of its ports in the end.
-
-    Args:
-        ranked: one fit of each effect at each port, best first.
-    """
-    leading: dict[str, Fit] = {}
-    others = []
-    for fit in ranked:
-        effect = fit.candidate.effects[-1].effect
-        if effect.id in leading or len(leading) == KEPT:
-            others.append(fit)
-        else:
-            leading[effect.id] = fit
-    return [*leading.values()], others
 
 
 def nothing_shows(base: Fit, scored: Sequence[ScoredEffect], hiding: Sequence[Model],
@@ -292,8 +271,7 @@ def fit_to_convergence(base: Fit, ranked: Sequence[Fit], parts: Sequence[Part],
         most_error: what leaves more after the race stays as it is.
     """
     most_error = min(most_error, HOPELESS * ranked[0].error)
-    leading, others = leading_effects(ranked)
-    kept = list(takewhile(lambda fit: fit.error <= most_error, leading))
+    kept = list(takewhile(lambda fit: fit.error <= most_error, ranked[:KEPT]))
     longer = list(search_all([fit.candidate for fit in kept], parts, LONG))
     near = WITHIN * min((fit.error for fit in longer), default=0.0)
     close = [fit for fit in longer if fit.error <= near]
@@ -305,7 +283,7 @@ def fit_to_convergence(base: Fit, ranked: Sequence[Fit], parts: Sequence[Part],
         moved = relocated(best.candidate, parts)
         moved += [replace(base.candidate, effects=there.effects) for there in moved]
         done += search_all(moved, parts, LONG)
-    fits = [fit for fit in best_at_each_place([*done, *leading[len(kept):], *others])
+    fits = [fit for fit in best_at_each_place([*done, *ranked[len(kept):]])
             if is_distinguishable(fit, parts)]
     if fits and _drifts(fits[0]) and not _is_drift_preferred(fits[0], parts):
         fits = [fit for fit in fits if not _drifts(fit)]

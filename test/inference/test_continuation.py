@@ -70,25 +70,26 @@ def test_a_rival_that_is_better_on_short_windows_is_as_near():
 
 
 def two_speeds():
-    """Run a drive with dry friction at 220 rad/s and back at 110, with a short change between."""
-    rig = Model(PLANT, {'J': 2e-4, 'B': 2e-3}, 0.001,
-                (place('friction', 'motor', {'coulomb': 0.7}, PLANT),), substeps=4)
+    """Run a drive with dry friction at 220 rad/s and back at 110, and change within 0.1 s."""
+    values, change = {'J': 2e-4, 'B': 2e-3}, 100
+    rig = Model(PLANT, values, 0.001, (place('friction', 'motor', {'coulomb': 0.7}, PLANT),),
+                substeps=4)
     speeds = np.repeat([-110.0, 220.0, -110.0, 220.0, -110.0], [700, 600, 400, 500, 900])
-    steady = 2e-3 * speeds + 0.7 * np.sign(speeds)
-    pulses = np.zeros(len(speeds))
-    for k in np.flatnonzero(np.diff(speeds)):
-        change = speeds[k + 1] - speeds[k]
-        pulses[k + 1:k + 21] = 2e-4 * change / 0.02
-    torque = (steady + pulses)[:, None]
-    theta = rig.system.run(torque, np.array([-110.0, 0.0]))
-    return [Part(torque, theta + 1e-3 * np.random.default_rng(0).standard_normal(len(theta)))]
+    torque = values['B'] * speeds + 0.7 * np.sign(speeds)
+    for k in np.flatnonzero(np.diff(speeds)) + 1:
+        torque[k:k + change] += values['J'] * (speeds[k] - speeds[k - 1]) / (0.001 * change)
+    theta = rig.system.run(torque[:, None], np.array([-110.0, 0.0]))
+    noise = 1e-3 * np.random.default_rng(0).standard_normal(len(theta))
+    return [Part(torque[:, None], theta + noise)]
 
 
-def test_friction_that_a_linear_fit_to_long_runs_takes_for_damping():
+def test_friction_where_a_linear_fit_to_long_runs_ends_without_inertia():
     parts = two_speeds()
     base = fit_linear(PLANT, parts, {}, 0.001)
+    assert base.candidate.values['J'] < 1e-6
     context = Context(parts, parts, (0.0, 1.0), 0, lambda _: None)
-    short = from_short_windows(base, context)
-    assert short[0].effects[-1].effect.id == 'friction'
-    assert short[0].effects[-1].named['coulomb'] == pytest.approx(0.7, rel=0.03)
-    assert 'ripple' in [model.effects[-1].effect.id for model in short]
+    best, *others = from_short_windows(base, context)
+    assert best.effects[-1].effect.id == 'friction'
+    assert best.effects[-1].named['coulomb'] == pytest.approx(0.7, rel=0.01)
+    assert best.values['J'] == pytest.approx(2e-4, rel=0.01)
+    assert 'ripple' in [one.effects[-1].effect.id for one in others]

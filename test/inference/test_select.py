@@ -13,7 +13,6 @@ from hydro_twin.fitting.port_signals import simulate_port_signals
 from hydro_twin.inference import select
 from hydro_twin.inference.select import (
     fit_alternatives,
-    leading_effects,
     refine,
     search,
     search_sticking,
@@ -161,21 +160,6 @@ def test_a_refinement_that_nothing_needs_any_more_is_taken_out():
     friction = refine([fit], parts, 0)[0].candidate.effects[0].named
     assert friction['bristle_stiffness'] == float('inf')
     assert friction['coulomb'] == pytest.approx(6.0, rel=0.02)
-
-
-def test_a_law_at_two_ports_takes_one_of_the_leading_places():
-    alone, parts, _ = fitted(record(BIAS))
-    tried = [('bias', 'motor', {'offset': 1.0}), ('bias', 'command', {'offset': 0.1}),
-             ('saturation', 'spool', {'lower': -1e-5, 'upper': 1e-5}),
-             ('bias', 'sensor', {'offset': 1.0}),
-             ('leakage', 'leakage', {'flow': 1e-6, 'exponent': 0.5}),
-             ('dead_zone', 'spool', {'width': 1e-6}),
-             ('orifice', 'flow', {'supply_pressure': 2e7})]
-    ranked = [unsearched(replace(alone.candidate, effects=(place(*one, PLANT),)), parts)
-              for one in tried]
-    leading, others = leading_effects(ranked)
-    assert leading == [ranked[k] for k in (0, 2, 4, 5)]
-    assert others == [ranked[k] for k in (1, 3, 6)]
 
 
 def test_what_sticks_and_leaves_structure_is_searched_by_homotopy(monkeypatch):
