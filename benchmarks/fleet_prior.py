@@ -28,7 +28,7 @@ from hydro_twin.fitting.parts import parts_of
 from hydro_twin.fitting.unknowns import get, label
 from hydro_twin.fleet.factors import Rows, rows_of
 from hydro_twin.fleet.prior import fit_prior
-from hydro_twin.inference.select import LONG, search
+from hydro_twin.inference.search import LONG, search
 from hydro_twin.plants import Plant, plant_named
 from hydro_twin.recording.rig import rig_of
 

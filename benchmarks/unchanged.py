@@ -20,7 +20,7 @@ from scipy.signal import lfilter
 from hydro_twin.fitting.output_error import free_run
 from hydro_twin.fitting.parts import Part, parts_of
 from hydro_twin.inference.excerpt import excerpt
-from hydro_twin.inference.select import search
+from hydro_twin.inference.search import search
 from hydro_twin.keep.duel import Duel, Rules
 from hydro_twin.keep.regime_bets import Regimes
 from hydro_twin.keep.regimes import grid_of

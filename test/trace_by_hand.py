@@ -15,7 +15,7 @@ from hydro_twin.inference.evidence import Evidence
 from hydro_twin.inference.findings import Finding
 from hydro_twin.inference.held_out import improvement
 from hydro_twin.inference.noise import Burst, noise_floor
-from hydro_twin.inference.select import search
+from hydro_twin.inference.search import search
 from hydro_twin.model import Model, place
 from hydro_twin.plants import plant_named
 from hydro_twin.recording.series import Recording, Series

@@ -14,7 +14,8 @@ from hydro_twin.fitting.fit import Fit
 from hydro_twin.inference.context import Context
 from hydro_twin.inference.criterion import CLEARLY, delta_bic
 from hydro_twin.inference.findings import finding, Selection, share
-from hydro_twin.inference.select import Alternative, HOPELESS, refine
+from hydro_twin.inference.refinement import refine
+from hydro_twin.inference.select import Alternative, HOPELESS
 from hydro_twin.inference.stepwise import (
     AGAIN,
     exchange,

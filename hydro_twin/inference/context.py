@@ -9,7 +9,8 @@ import math
 from hydro_twin.effects import Placed
 from hydro_twin.fitting.fit import Fit
 from hydro_twin.fitting.parts import Part
-from hydro_twin.inference.select import Alternative, fit_alternatives, LONG, search_all
+from hydro_twin.inference.search import LONG, search_all
+from hydro_twin.inference.select import Alternative, fit_alternatives
 from hydro_twin.model import Model
 
 

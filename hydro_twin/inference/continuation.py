@@ -23,7 +23,8 @@ from hydro_twin.inference.context import Context
 from hydro_twin.inference.criterion import CLEARLY, delta_bic
 from hydro_twin.inference.findings import Selection
 from hydro_twin.inference.screen import places
-from hydro_twin.inference.select import fit_alternatives, KEPT, LONG, search, search_all
+from hydro_twin.inference.search import LONG, search, search_all
+from hydro_twin.inference.select import fit_alternatives, KEPT
 from hydro_twin.inference.starts import with_other
 from hydro_twin.inference.stepwise import LATER
 from hydro_twin.model import Model

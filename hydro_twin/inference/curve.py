@@ -18,7 +18,7 @@ from hydro_twin.inference.held_out import held_out_gain, residuals
 from hydro_twin.inference.noise import COLOURED, noise_floor
 from hydro_twin.inference.passing import effect_signals
 from hydro_twin.inference.screen import spans
-from hydro_twin.inference.select import search_all
+from hydro_twin.inference.search import search_all
 from hydro_twin.inference.structure import is_significant_dependence
 from hydro_twin.model import Model
 from hydro_twin.plants import Port

@@ -11,7 +11,7 @@ from hydro_twin.fitting.fit import Fit
 from hydro_twin.fitting.parts import Part
 from hydro_twin.fitting.unknowns import label
 from hydro_twin.inference.findings import other_findings, Selection
-from hydro_twin.inference.select import LONG, search
+from hydro_twin.inference.search import LONG, search
 
 WIDEST = 0.5            # relative standard error up to which a size differs from none at all: a
 #                         fall to zero is two standard errors

@@ -20,7 +20,7 @@ from hydro_twin.fitting.unknowns import get, put, Unknown
 from hydro_twin.inference.excerpt import excerpt
 from hydro_twin.inference.noise import noise_floor
 from hydro_twin.inference.screen import detectable, spans
-from hydro_twin.inference.select import unsearched
+from hydro_twin.inference.search import unsearched
 from hydro_twin.model import Model
 from hydro_twin.predictors.scores import rms
 from hydro_twin.recording.series import Recording

@@ -20,13 +20,8 @@ from hydro_twin.inference.continuation import from_short_windows, with_rivals_of
 from hydro_twin.inference.curve import FittedCurve
 from hydro_twin.inference.findings import Selection
 from hydro_twin.inference.held_out import held_out_gain
-from hydro_twin.inference.select import (
-    Alternative,
-    fit_alternatives,
-    LONG,
-    search,
-    search_sticking,
-)
+from hydro_twin.inference.search import LONG, search, search_sticking
+from hydro_twin.inference.select import Alternative, fit_alternatives
 from hydro_twin.inference.stepwise import (
     FINEST,
     is_discretisation_error,

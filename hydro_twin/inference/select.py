@@ -6,9 +6,8 @@ do not count as independent.
 """
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from functools import partial
 from itertools import islice, takewhile
 import math
 
@@ -16,22 +15,24 @@ import numpy as np
 
 from hydro_twin.effects import Placed
 from hydro_twin.fitting.fit import Fit
-from hydro_twin.fitting.homotopy import search_by_homotopy
 from hydro_twin.fitting.linear import SUBSTEPS
 from hydro_twin.fitting.parts import Part
-from hydro_twin.fitting.problem import Problem, solve_all
-from hydro_twin.fitting.unknowns import (
-    effect_unknowns,
-    label,
-    plant_unknowns,
-    timing_unknowns,
-    Unknown,
-)
+from hydro_twin.fitting.problem import Problem
 from hydro_twin.fitting.whiteness import is_white
 from hydro_twin.inference.apart import by_recording, is_drift_preferred
-from hydro_twin.inference.criterion import CLEARLY, delta_bic, refinement_gain
+from hydro_twin.inference.criterion import CLEARLY, delta_bic
 from hydro_twin.inference.noise import cannot_be_noise
+from hydro_twin.inference.refinement import is_distinguishable, refine
 from hydro_twin.inference.screen import places, ScoredEffect, screen, spans
+from hydro_twin.inference.search import (
+    LONG,
+    problems_of,
+    search,
+    search_all,
+    search_all_sticking,
+    SHORT,
+    sticks,
+)
 from hydro_twin.inference.starts import (
     best_start_of_each,
     drift_starts,
@@ -39,16 +40,12 @@ from hydro_twin.inference.starts import (
     relocated,
     shortlist,
     with_effect,
-    with_other,
 )
 from hydro_twin.model import Model
 from hydro_twin.parallel import in_processes
 
 LEADING, RACING = 6, 4      # effects that promise most; evaluations from two starts of each
 KEPT = 4                # effects that go on after that, and are fitted to convergence
-SHORT, LONG = 10, 40    # evaluations of a search: to compare, to converge
-TOLERANCE = 1e-5        # relative reduction of the sum of squares that ends one: of 10,000 samples
-#                         a log-likelihood of 0.05
 WITHIN = 3.0            # ratio to the lowest error beyond which no refinement makes up for it
 HOPELESS = 5.0          # and beyond which no longer search does, nor one more effect
 PROMISING = 20.0        # likelihood ratio below which a score is chance
@@ -69,69 +66,6 @@ class Alternative:
     def id(self) -> str:
         """Its id."""
         return self.placed.effect.id
-
-
-def search(candidate: Model, parts: Sequence[Part], evaluations: int) -> Fit:
-    """Fit all physical parameters, timing and effects of a candidate from its present values.
-
-    Effects beside which a free curve was added are held, since the curve can imitate them.
-    """
-    return next(search_all([candidate], parts, evaluations))
-
-
-def search_all(candidates: Sequence[Model], parts: Sequence[Part], evaluations: int
-               ) -> Iterator[Fit]:
-    """Fit several, on all cores, and yield the fits in their order."""
-    return solve_all(_problems(candidates, parts), evaluations, TOLERANCE)
-
-
-def search_sticking(fit: Fit, parts: Sequence[Part]) -> Fit:
-    """Search by homotopy a model that sticks and leaves more than white noise; see `sticks`."""
-    return next(search_all_sticking([fit], parts))
-
-
-def search_all_sticking(fits: Sequence[Fit], parts: Sequence[Part]) -> Iterator[Fit]:
-    """Search several, on all cores, and yield the fits in their order."""
-    return in_processes(partial(_search_sticking, parts), fits)
-
-
-def _search_sticking(parts: Sequence[Part], fit: Fit) -> Fit:
-    if not sticks(fit.candidate) or is_white(fit.by_part):
-        return fit
-    return search_by_homotopy(fit, parts, LONG, TOLERANCE)
-
-
-def sticks(candidate: Model) -> bool:
-    """Whether a model has dry friction or a stop, and a search by homotopy may help.
-
-    Not of a plant that integrates: what moves it without bound, as a constant force, moves it by
-    next to nothing with feedback, so that this tells little of the laws.
-    """
-    return not candidate.plant.integrates and any(
-        placed.effect.implicit for placed in candidate.effects)
-
-
-def unsearched(candidate: Model, parts: Sequence[Part]) -> Fit:
-    """Take a candidate as it is for a fit."""
-    return _problems([candidate], parts)[0].unsearched()
-
-
-def _problems(candidates: Sequence[Model], parts: Sequence[Part]) -> list[Problem]:
-    """Set up the fit of each candidate."""
-    return [Problem(candidate, searched(candidate), parts) for candidate in candidates]
-
-
-def searched(candidate: Model) -> list[Unknown]:
-    """List the unknowns of a candidate, see `search`."""
-    plant = candidate.plant
-    delayed = any(placed.effect.shifts for placed in candidate.effects)
-    unknowns = plant_unknowns(plant, 'physical')
-    unknowns += [] if delayed else timing_unknowns(candidate)
-    held = max((k for k, placed in enumerate(candidate.effects) if not placed.effect.explains),
-               default=0)
-    for index, placed in enumerate(candidate.effects[held:], held):
-        unknowns += effect_unknowns(index, placed)
-    return unknowns
 
 
 def fit_alternatives(base: Fit, parts: Sequence[Part], times: tuple[float, float], most: int,
@@ -217,7 +151,7 @@ def successive_halving(candidates: Sequence[Model], parts: Sequence[Part],
     after a search, so it is always searched a little. The evaluations that only rank take few
     steps in a sample.
     """
-    problems = _problems([replace(candidate, substeps=min(candidate.substeps, SUBSTEPS))
+    problems = problems_of([replace(candidate, substeps=min(candidate.substeps, SUBSTEPS))
                           for candidate in candidates], parts)
     beside = _beside(candidates[0].effects[:-1]) if candidates else ''
     promises = []
@@ -250,7 +184,7 @@ def nothing_shows(base: Fit, scored: Sequence[ScoredEffect], hiding: Sequence[Mo
     chance = PROMISING / len(base.residual)
     if any(p.share >= chance for p in scored) or not is_white(base.by_part):
         return False
-    without, *problems = _problems([base.candidate, *hiding], parts)
+    without, *problems = problems_of([base.candidate, *hiding], parts)
     power = without.evaluate_base().sum_of_squares
     return all(1.0 - leaves / power < chance
                for _, leaves in in_processes(Problem.linear_prediction, problems))
@@ -341,81 +275,3 @@ def at_each_place(fits: Sequence[Fit]) -> list[list[Fit]]:
 def best_at_each_place(fits: Sequence[Fit]) -> list[Fit]:
     """Keep the best fit with each last effect at each port, best first."""
     return [group[0] for group in at_each_place(best_first(fits))]
-
-
-def refine(fits: Sequence[Fit], parts: Sequence[Part], index: int = -1,
-           by_homotopy: bool = False) -> list[Fit]:
-    """Add refinements to the law of an effect, the last or another, where clearly better.
-
-    And remove those that are not: they made up for an effect that was missing at the time. Nor is
-    a form taken that the recording does not distinguish from a simpler effect, as a limit so soft
-    that it is none: the simple law may still stand. Each fit is refined by itself; they are fitted
-    in one batch.
-
-    Args:
-        fits: the fits.
-        parts: what was fitted.
-        index: of the effect.
-        by_homotopy: whether forms that stick are searched by homotopy, see `search_sticking`.
-    """
-    formed = [_forms(fit, parts, index) for fit in fits]
-    short = search_all([form for forms in formed for form in forms], parts, SHORT)
-    if by_homotopy:
-        short = search_all_sticking(list(short), parts)
-    simple, chosen = [], []
-    for fit, forms in zip(fits, formed, strict=True):
-        tried = [fit, *islice(short, len(forms))]
-        simplest = tried[int(bool(forms) and _is_refined(fit, index))]
-        gains = [refinement_gain(simplest, form) for form in tried]
-        better = [tried[k] for k in np.argsort(gains)[::-1] if not gains[k] < CLEARLY]
-        simple.append(simplest)
-        chosen.append(next((form for form in better
-                            if is_distinguishable(form, parts, index)), simplest))
-    long = search_all([best.candidate for best, fit in zip(chosen, fits, strict=True)
-                       if best is not fit], parts, LONG)
-    refined = [fit if best is fit else next(long)
-               for best, fit in zip(chosen, fits, strict=True)]
-    # The same form from another start may end worse than the fit that there was.
-    refined = [min(form, fit, key=lambda one: one.cost) if _same_form(form, fit) else form
-               for form, fit in zip(refined, fits, strict=True)]
-    return [form if form is fit or is_distinguishable(form, parts, index) else plain
-            for form, fit, plain in zip(refined, fits, simple, strict=True)]
-
-
-def _same_form(fit: Fit, other: Fit) -> bool:
-    """Whether two fits have the same unknowns."""
-    return [*map(label, fit.unknowns)] == [*map(label, other.unknowns)]
-
-
-def _is_refined(fit: Fit, index: int) -> bool:
-    """Whether a refinement of the effect is in."""
-    placed = fit.candidate.effects[index]
-    return any(p.refinement not in (None, v)
-               for p, v in zip(placed.effect.parameters, placed.values, strict=True))
-
-
-def unrefined(placed: Placed) -> Placed:
-    """Return an effect in its simple form, without any refinement."""
-    return replace(placed, values=tuple(
-        v if p.refinement is None else p.refinement
-        for p, v in zip(placed.effect.parameters, placed.values, strict=True)))
-
-
-def _forms(fit: Fit, parts: Sequence[Part], index: int) -> list[Model]:
-    """List other forms of an effect: the simple law, unless it is that, then refined ones."""
-    placed = fit.candidate.effects[index]
-    if placed.effect.refined is None:
-        return []
-
-    plain = unrefined(placed).values
-    reach = spans(fit.candidate, parts)[placed.port]
-    simplest = [plain] if _is_refined(fit, index) else []
-    return [with_other(fit.candidate, index, replace(placed, values=tuple(values)))
-            for values in (*simplest, *placed.effect.refined(reach, placed.values))]
-
-
-def is_distinguishable(fit: Fit, parts: Sequence[Part], index: int = -1) -> bool:
-    """Whether the recording distinguishes an effect, as fitted, from a simpler one."""
-    placed = fit.candidate.effects[index]
-    return placed.effect.distinguishable is None or placed.effect.distinguishable(
-        spans(fit.candidate, parts)[placed.port], placed.values)

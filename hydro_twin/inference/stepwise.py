@@ -27,19 +27,16 @@ from hydro_twin.inference.findings import (
 )
 from hydro_twin.inference.held_out import held_out_gain, residuals
 from hydro_twin.inference.noise import cannot_be_noise
-from hydro_twin.inference.select import (
-    Alternative,
-    best_first,
-    fit_alternatives,
-    is_distinguishable,
+from hydro_twin.inference.refinement import is_distinguishable, refine
+from hydro_twin.inference.search import (
     LONG,
-    refine,
     search,
     search_all,
     search_sticking,
     sticks,
     unsearched,
 )
+from hydro_twin.inference.select import Alternative, best_first, fit_alternatives
 from hydro_twin.inference.starts import relocated
 from hydro_twin.inference.structure import drift_test, is_drift_significant
 from hydro_twin.model import Model

@@ -29,14 +29,9 @@ from hydro_twin.inference.held_out import held_out_gain, improvement, residuals
 from hydro_twin.inference.limits import without_unreached
 from hydro_twin.inference.memory import combine_with_earlier, named
 from hydro_twin.inference.noise import bursts, lines, noise_floor
+from hydro_twin.inference.refinement import unrefined
 from hydro_twin.inference.screen import undetectable
-from hydro_twin.inference.select import (
-    LONG,
-    search,
-    search_all,
-    unrefined,
-    unsearched,
-)
+from hydro_twin.inference.search import LONG, search, search_all, unsearched
 from hydro_twin.inference.stepwise import FINEST, LEAST_SHARE, with_fine_steps
 from hydro_twin.inference.structure import dependences, drift_test
 from hydro_twin.inference.weighing import best_named

@@ -17,7 +17,7 @@ from hydro_twin.inference.held_out import (
     surer_improvement,
 )
 from hydro_twin.inference.reading import equivalents
-from hydro_twin.inference.select import LONG, search_all
+from hydro_twin.inference.search import LONG, search_all
 from hydro_twin.inference.starts import with_other
 from hydro_twin.inference.stepwise import (
     exchange,

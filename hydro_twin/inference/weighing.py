@@ -24,7 +24,8 @@ from hydro_twin.inference.curve import (
 from hydro_twin.inference.findings import explained_share, finding, other_findings, Selection
 from hydro_twin.inference.held_out import held_out_gain, residuals
 from hydro_twin.inference.reading import readings
-from hydro_twin.inference.select import HOPELESS, LONG, search, search_all
+from hydro_twin.inference.search import LONG, search, search_all
+from hydro_twin.inference.select import HOPELESS
 from hydro_twin.inference.stepwise import ENOUGH
 from hydro_twin.inference.structure import free_curves, is_significant_dependence
 from hydro_twin.predictors.scores import rms

@@ -5,7 +5,7 @@ import numpy as np
 from trace_by_hand import candidate, parts
 
 from hydro_twin.fitting.estimates import fitted_model
-from hydro_twin.inference.select import search
+from hydro_twin.inference.search import search
 
 
 def test_a_standard_error_is_what_repeated_recordings_scatter():

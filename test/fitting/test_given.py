@@ -7,7 +7,7 @@ from trace_by_hand import candidate
 
 from hydro_twin.fitting.given import conditional_on
 from hydro_twin.fitting.parts import Part
-from hydro_twin.inference.select import search
+from hydro_twin.inference.search import search
 from hydro_twin.model import place
 
 TIME = 0.002 * np.arange(1500)

@@ -11,7 +11,8 @@ from hydro_twin.effects import Placed
 from hydro_twin.fitting.homotopy import search_by_homotopy
 from hydro_twin.fitting.linear import fit_linear
 from hydro_twin.fitting.parts import parts_of
-from hydro_twin.inference.select import LONG, refine, search, TOLERANCE, unrefined
+from hydro_twin.inference.refinement import refine, unrefined
+from hydro_twin.inference.search import LONG, search, TOLERANCE
 from hydro_twin.model import place
 from hydro_twin.plants.load_simulator import LOAD_SIMULATOR
 from hydro_twin.recording.series import split

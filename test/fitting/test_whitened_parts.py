@@ -18,7 +18,7 @@ from hydro_twin.fitting.output_error import (
 from hydro_twin.fitting.parts import Part
 from hydro_twin.fitting.problem import Problem
 from hydro_twin.fitting.unknowns import plant_unknowns
-from hydro_twin.inference.select import searched
+from hydro_twin.inference.search import searched
 from hydro_twin.model import Model, place
 from hydro_twin.plants import plant_named
 

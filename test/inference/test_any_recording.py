@@ -25,7 +25,7 @@ from hydro_twin.inference.excerpt import excerpt, harmless_factor
 from hydro_twin.inference.held_out import held_out_gain
 from hydro_twin.inference.noise import bursts, lines, noise_floor
 from hydro_twin.inference.screen import screen, undetectable
-from hydro_twin.inference.select import search
+from hydro_twin.inference.search import search
 from hydro_twin.inference.structure import dependences, drift_test, free_curves
 from hydro_twin.inference.trace import trace
 from hydro_twin.model import Model

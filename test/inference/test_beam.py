@@ -10,7 +10,8 @@ from hydro_twin.inference import screen
 from hydro_twin.inference.beam import beam_search
 from hydro_twin.inference.context import Context
 from hydro_twin.inference.findings import finding, Selection
-from hydro_twin.inference.select import fit_alternatives, search
+from hydro_twin.inference.search import search
+from hydro_twin.inference.select import fit_alternatives
 from hydro_twin.inference.stepwise import is_residual_structured
 from hydro_twin.model import Model, place
 from hydro_twin.plants import plant_named

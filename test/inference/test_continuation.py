@@ -7,7 +7,8 @@ from hydro_twin.fitting.parts import Part
 from hydro_twin.inference.context import Context
 from hydro_twin.inference.continuation import from_short_windows, with_rivals_of_short_windows
 from hydro_twin.inference.findings import Finding, Selection
-from hydro_twin.inference.select import fit_alternatives, search
+from hydro_twin.inference.search import search
+from hydro_twin.inference.select import fit_alternatives
 from hydro_twin.model import Model, place
 from hydro_twin.plants import plant_named
 

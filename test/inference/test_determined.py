@@ -7,7 +7,7 @@ from traced_rig import fitted, PLANT, record
 
 from hydro_twin.inference.determined import is_determined, without_undetermined
 from hydro_twin.inference.findings import Finding, Selection
-from hydro_twin.inference.select import search
+from hydro_twin.inference.search import search
 from hydro_twin.model import place
 
 FRICTION = ('friction', 'motor', {'coulomb': 10.0})

@@ -12,7 +12,7 @@ from hydro_twin.inference.excerpt import (
     resampled,
     STRETCH,
 )
-from hydro_twin.inference.select import LONG, search
+from hydro_twin.inference.search import LONG, search
 from hydro_twin.model import Model, place
 from hydro_twin.plants import plant_named
 from hydro_twin.recording.series import Recording, Series

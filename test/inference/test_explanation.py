@@ -12,7 +12,7 @@ from hydro_twin.inference import explanation, screen
 from hydro_twin.inference.context import Context
 from hydro_twin.inference.explanation import explain
 from hydro_twin.inference.findings import finding, Selection
-from hydro_twin.inference.select import search
+from hydro_twin.inference.search import search
 from hydro_twin.model import Model, place
 from hydro_twin.plants import plant_named
 

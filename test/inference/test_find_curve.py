@@ -19,7 +19,7 @@ from hydro_twin.inference.curve import (
 )
 from hydro_twin.inference.passing import effect_signals
 from hydro_twin.inference.screen import spans
-from hydro_twin.inference.select import search
+from hydro_twin.inference.search import search
 from hydro_twin.inference.structure import free_curves, is_significant_dependence
 from hydro_twin.model import Model, place
 from hydro_twin.plants import plant_named

@@ -13,7 +13,8 @@ from benchmarks.tracing.not_quite import CASES, recording
 from hydro_twin.inference import stepwise
 from hydro_twin.inference.criterion import delta_bic
 from hydro_twin.inference.findings import Finding
-from hydro_twin.inference.select import Alternative, search_all, simplest_first
+from hydro_twin.inference.search import search_all
+from hydro_twin.inference.select import Alternative, simplest_first
 from hydro_twin.inference.trace import trace
 from hydro_twin.model import place
 from hydro_twin.plants import plant_named

@@ -11,7 +11,7 @@ from hydro_twin.commands.main import main
 from hydro_twin.fitting.parts import parts_of
 from hydro_twin.fitting.unknowns import get, label
 from hydro_twin.inference.memory import combine_with_earlier, named
-from hydro_twin.inference.select import search
+from hydro_twin.inference.search import search
 from hydro_twin.inference.starts import with_effect
 from hydro_twin.model import Model, place, read_model, write_model
 from hydro_twin.recording.signals import load_signals

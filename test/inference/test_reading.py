@@ -75,7 +75,7 @@ def test_a_curve_over_another_signal_has_no_reading():
 @pytest.fixture(scope='module')
 def bent():
     """Return runs of a cylinder with two slopes, and a fit to them for each that is asked for."""
-    from hydro_twin.inference.select import search
+    from hydro_twin.inference.search import search
 
     law = place('asymmetry', 'piston', {'imbalance': 0.2}, CYLINDER)
     _, parts = driven(law, noise=1e-5)

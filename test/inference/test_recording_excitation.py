@@ -11,7 +11,7 @@ from traced_rig import PLANT, record, VALUES
 from hydro_twin.commands.main import main
 from hydro_twin.fitting.parts import parts_of
 from hydro_twin.inference.excitation import excitation
-from hydro_twin.inference.select import search
+from hydro_twin.inference.search import search
 from hydro_twin.model import Model, Record, Uncertainty, write_model
 from hydro_twin.recording.series import Recording, Series
 from hydro_twin.recording.signals import load_signals

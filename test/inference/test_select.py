@@ -10,14 +10,9 @@ from traced_rig import fitted, PLANT, record, VALUES
 from hydro_twin.fitting.output_error import free_run_error
 from hydro_twin.fitting.parts import Part
 from hydro_twin.fitting.port_signals import simulate_port_signals
-from hydro_twin.inference import select
-from hydro_twin.inference.select import (
-    fit_alternatives,
-    refine,
-    search,
-    search_sticking,
-    unsearched,
-)
+from hydro_twin.inference.refinement import refine
+from hydro_twin.inference.search import search, search_sticking, unsearched
+from hydro_twin.inference.select import fit_alternatives
 from hydro_twin.inference.starts import relocated
 from hydro_twin.inference.stepwise import best_interpolation
 from hydro_twin.model import Model, place
@@ -25,6 +20,7 @@ from hydro_twin.plants import PLANTS
 from hydro_twin.predictors.system import LINEAR
 
 STRIBECK = ('friction', 'motor', {'coulomb': 6.0, 'stribeck': 4.0, 'stribeck_velocity': 0.02})
+HOMOTOPY = 'hydro_twin.inference.search.search_by_homotopy'
 BIAS = ('bias', 'motor', {'offset': 2.0})
 
 
@@ -164,7 +160,7 @@ def test_a_refinement_that_nothing_needs_any_more_is_taken_out():
 
 def test_what_sticks_and_leaves_structure_is_searched_by_homotopy(monkeypatch):
     searched = []
-    monkeypatch.setattr(select, 'search_by_homotopy', lambda fit, *_: searched.append(fit) or fit)
+    monkeypatch.setattr(HOMOTOPY, lambda fit, *_: searched.append(fit) or fit)
     alone, parts, _ = fitted(record(STRIBECK, noise=0.3))
     search_sticking(alone, parts)                       # structure, but nothing that sticks
     right = search(replace(alone.candidate, substeps=8, effects=(place(*STRIBECK, PLANT),)),
@@ -179,7 +175,7 @@ def test_what_sticks_and_leaves_structure_is_searched_by_homotopy(monkeypatch):
 
 def test_a_plant_that_integrates_is_not_searched_by_homotopy(monkeypatch):
     """With feedback a force that it lacks moves it by next to nothing."""
-    monkeypatch.setattr(select, 'search_by_homotopy', lambda *_: pytest.fail('searched'))
+    monkeypatch.setattr(HOMOTOPY, lambda *_: pytest.fail('searched'))
     plant = PLANTS['positioning']
     model = Model(plant, plant.constant_values() | plant.middle(), plant.sample_time,
                   (place('friction', 'motor', {'coulomb': 10.0}, plant),))

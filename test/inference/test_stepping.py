@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from trace_by_hand import candidate, parts
 
-from hydro_twin.inference.select import LONG, search
+from hydro_twin.inference.search import LONG, search
 from hydro_twin.inference.stepwise import (
     is_discretisation_error,
     step_halving_change,

@@ -13,7 +13,7 @@ from hydro_twin.fitting.output_error import free_run
 from hydro_twin.fitting.parts import Part, parts_of
 from hydro_twin.fitting.port_signals import explained, predicted_by_ports
 from hydro_twin.inference.screen import longest_run, screen, spans, undetectable
-from hydro_twin.inference.select import LONG, search
+from hydro_twin.inference.search import LONG, search
 from hydro_twin.inference.structure import (
     dependences,
     drift_test,

@@ -14,7 +14,9 @@ from hydro_twin.inference.context import Context
 from hydro_twin.inference.criterion import whitened_gain
 from hydro_twin.inference.findings import explained_share, Finding, Selection
 from hydro_twin.inference.noise import cannot_be_noise, noise_floor
-from hydro_twin.inference.select import Alternative, is_distinguishable, search, searched
+from hydro_twin.inference.refinement import is_distinguishable
+from hydro_twin.inference.search import search, searched
+from hydro_twin.inference.select import Alternative
 from hydro_twin.inference.stepwise import (
     exchange,
     is_significant,

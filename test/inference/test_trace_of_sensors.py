@@ -10,7 +10,7 @@ from hydro_twin.fitting.parts import parts_of
 from hydro_twin.fitting.port_signals import predicted_by_ports
 from hydro_twin.inference.criterion import delta_bic, gain_p_value
 from hydro_twin.inference.screen import screen
-from hydro_twin.inference.select import LONG, search
+from hydro_twin.inference.search import LONG, search
 from hydro_twin.inference.structure import drift_test, free_curves
 from hydro_twin.inference.trace import trace
 from hydro_twin.model import place

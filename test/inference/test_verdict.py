@@ -18,7 +18,7 @@ from hydro_twin.inference.probability import (
     POOR,
     SAMPLES,
 )
-from hydro_twin.inference.select import search
+from hydro_twin.inference.search import search
 from hydro_twin.inference.verdict import named_effects, verdict_of
 from hydro_twin.model import place
 from hydro_twin.plants import plant_named

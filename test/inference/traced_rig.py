@@ -7,7 +7,7 @@ import numpy as np
 
 from hydro_twin.fitting.linear import fit_linear
 from hydro_twin.fitting.parts import parts_of
-from hydro_twin.inference.select import LONG, search
+from hydro_twin.inference.search import LONG, search
 from hydro_twin.model import place
 from hydro_twin.plants import PLANTS
 from hydro_twin.recording.series import Recording, split
