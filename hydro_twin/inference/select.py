@@ -152,7 +152,7 @@ def successive_halving(candidates: Sequence[Model], parts: Sequence[Part],
     steps in a sample.
     """
     problems = problems_of([replace(candidate, substeps=min(candidate.substeps, SUBSTEPS))
-                          for candidate in candidates], parts)
+                            for candidate in candidates], parts)
     beside = _beside(candidates[0].effects[:-1]) if candidates else ''
     promises = []
     for problem, (here, leaves) in zip(problems, in_processes(Problem.linear_prediction, problems),
