@@ -16,6 +16,7 @@ from hydro_twin.predictors.system import System
 from hydro_twin.predictors.tangents import NONE, tangent_of
 
 NO_WORSE = 1.2          # RMS residual over that of a similar model: no reason to search again
+AS_GOOD = 1.02          # the same after a search from its state: the minimum is the same
 HALVED = 0.5            # of the sum of squares: more is left where a search failed
 LOWERED = 0.9           # of the sum of squares: more is left by the last step of a search
 NEAR = 0.05             # of the movement: an RMS residual below it is that of the right branch
@@ -26,26 +27,35 @@ RIDGES = (RIDGE, 0.3, 10.0)     # of the steps of a search, tried in this order
 SINGULAR = 1e-12        # of the trace of normal equations, added to their diagonal
 
 
-def find_initial_states(system: System, first: FirstSamples, near: InitialStates | None = None
-                        ) -> InitialStates:
+def find_initial_states(system: System, first: FirstSamples, near: InitialStates | None = None,
+                        lead_on: bool = True) -> InitialStates:
     """Find the initial state of each part that leaves the least residual.
 
     Args:
         system: the model, as it is at the beginning of the parts.
         first: the first samples of the parts.
         near: initial states under a similar model. One that does not fit much worse than it did
-            is taken; the others are searched, see `InitialStateSearch`.
+            is taken. The others are searched afresh, see `InitialStateSearch`.
+        lead_on: whether to search from these first, and afresh only what then fits worse.
     """
-    others, found = np.arange(len(first.sizes)), None
-    if near is not None and near.z.shape[1] == system.memory:
-        found = _within_edges(system, first, np.hstack([near.x, near.z]))
-        others = np.flatnonzero(~(found.rms < np.maximum(
-            NO_WORSE * near.rms, NEAR * first.sizes)))
-        if not len(others):
-            return found
-    these = first if found is None else first.at(others)
-    searched = _within_edges(system, these, InitialStateSearch(system, these).search())
-    return searched if found is None else found.with_others(others, searched)
+    if near is None or near.z.shape[1] != system.memory:
+        return _within_edges(system, first, InitialStateSearch(system, first).search())
+    states = np.hstack([near.x, near.z])
+    found = _within_edges(system, first, states)
+    most = np.maximum(NO_WORSE * near.rms, NEAR * first.sizes)
+    others = np.flatnonzero(~(found.rms < most))
+    if lead_on and len(others):
+        some = first.at(others)
+        ended = InitialStateSearch(system, some).search_from(states[others])
+        found = found.with_others(others, _within_edges(system, some, ended))
+        most = np.maximum(AS_GOOD * near.rms, NEAR * first.sizes)
+        others = others[~(found.rms < most)[others]]
+    if len(others):
+        some = first.at(others)
+        afresh = _within_edges(system, some, InitialStateSearch(system, some).search())
+        better = np.flatnonzero(~(afresh.rms > found.rms[others]))
+        found = found.with_others(others[better], afresh.at(better))
+    return found
 
 
 def _within_edges(system: System, first: FirstSamples, states: FloatArray) -> InitialStates:
@@ -94,7 +104,8 @@ class InitialStateSearch:
         Where a mass reverses, its friction changes sign: no step leads there from a state from
         which it reverses at another time. With the samples before that, the search is easy. A gap
         may be entered from either side, and a search from one does not reach the other; nor does
-        the output determine the memory of a play inside its gap.
+        the output determine the memory of a play inside its gap. Without friction or a stop,
+        fewer samples lead nowhere else.
         """
         every = np.arange(len(self.counts))
         if len(self.system.step.effects) == 0:
@@ -102,8 +113,15 @@ class InitialStateSearch:
             self.step(every, self.counts, RIDGE, 1.0)
             return self.state
         self.descend(every, self.counts, self.n)
-        self.from_fewer_samples(self.poor(every, self.counts))
+        if any(placed.effect.implicit for placed in self.system.placed):
+            self.from_fewer_samples(self.poor(every, self.counts))
         self.from_other_branches(self.poor(every, self.counts))
+        return self.state
+
+    def search_from(self, states: FloatArray) -> FloatArray:
+        """Search from states (P, c) alone; returns (P, c)."""
+        self.state = states.copy()
+        self.descend(np.arange(len(self.counts)), self.counts, self.n)
         return self.state
 
     def poor(self, parts: IntArray, counts: IntArray) -> IntArray:

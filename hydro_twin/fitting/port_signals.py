@@ -9,7 +9,7 @@ import scipy
 
 from hydro_twin.arrays import FloatArray
 from hydro_twin.fitting.fit import Fit
-from hydro_twin.fitting.output_error import free_run
+from hydro_twin.fitting.output_error import initial_states
 from hydro_twin.fitting.parts import Part
 from hydro_twin.fitting.unknowns import label
 from hydro_twin.model import Model
@@ -70,10 +70,11 @@ def _distinct(seen: FloatArray) -> list[int]:
 
 def simulate_port_signals(candidate: Model, parts: Sequence[Part]) -> list[FloatArray]:
     """Run over parts and return what passes at ports and signals."""
+    system, initial = candidate.system, initial_states(candidate, parts)
     all_seen = []
-    for part in parts:
-        seen = np.zeros((len(part.inputs), candidate.system.step.sensors))
-        free_run(candidate, part, seen)
+    for part, x, z in zip(parts, initial.x, initial.z, strict=True):
+        seen = np.zeros((len(part.inputs), system.step.sensors))
+        system.run(part.inputs, x, z, seen, part.start)
         all_seen.append(np.nan_to_num(seen))
     return all_seen
 
