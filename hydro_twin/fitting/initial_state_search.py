@@ -104,8 +104,7 @@ class InitialStateSearch:
         Where a mass reverses, its friction changes sign: no step leads there from a state from
         which it reverses at another time. With the samples before that, the search is easy. A gap
         may be entered from either side, and a search from one does not reach the other; nor does
-        the output determine the memory of a play inside its gap. Without friction or a stop,
-        fewer samples lead nowhere else.
+        the output determine the memory of a play inside its gap.
         """
         every = np.arange(len(self.counts))
         if len(self.system.step.effects) == 0:
@@ -113,8 +112,7 @@ class InitialStateSearch:
             self.step(every, self.counts, RIDGE, 1.0)
             return self.state
         self.descend(every, self.counts, self.n)
-        if any(placed.effect.implicit for placed in self.system.placed):
-            self.from_fewer_samples(self.poor(every, self.counts))
+        self.from_fewer_samples(self.poor(every, self.counts))
         self.from_other_branches(self.poor(every, self.counts))
         return self.state
 
