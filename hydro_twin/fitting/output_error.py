@@ -57,13 +57,10 @@ def linear_response(model: Model) -> FloatArray:
     return response
 
 
-def free_run(model: Model, part: Part, seen: FloatArray | None = None) -> FloatArray:
-    """Run freely over a part from the initial state that its first samples show; (N,).
-
-    The signals at the ports are written to `seen`, see `System.run`.
-    """
+def free_run(model: Model, part: Part) -> FloatArray:
+    """Run freely over a part from the initial state that its first samples show; (N,)."""
     initial = initial_states(model, [part])
-    return model.system.run(part.inputs, initial.x[0], initial.z[0], seen, part.start)
+    return model.system.run(part.inputs, initial.x[0], initial.z[0], start=part.start)
 
 
 def residuals(model: Model, parts: Sequence[Part]) -> list[FloatArray]:

@@ -69,8 +69,7 @@ def beam_search(selection: Selection, base: Fit, alternatives: Sequence[Alternat
     best = whole[int(np.argmin(scores))]
     if not min(scores) < first - CLEARLY:
         return selection
-    for fit in whole:
-        context.remember(fit)
+    context.remember(*whole)
     indices = range(given, len(best.candidate.effects))
     found = tuple(finding(without, best, (), index) for index, without in zip(
         indices, context.without(best, indices), strict=True))

@@ -45,15 +45,15 @@ class Context:
             found = fit_alternatives(fit, self.parts, self.times, most, False, self.progress,
                                      most_error=most_error)
             self.known[key] = most, most_error, found
-            for alternative in found:
-                self.remember(alternative.fit)
+            self.remember(*(alternative.fit for alternative in found))
         return self.known[key][2]
 
-    def remember(self, fit: Fit) -> None:
-        """Keep a fit, unless a better one with the same effects is known."""
-        key = effects_of(fit.candidate)
-        if key not in self.fits or fit.cost < self.fits[key].cost:
-            self.fits[key] = fit
+    def remember(self, *fits: Fit) -> None:
+        """Keep each fit, unless a better one with the same effects is known."""
+        for fit in fits:
+            key = effects_of(fit.candidate)
+            if key not in self.fits or fit.cost < self.fits[key].cost:
+                self.fits[key] = fit
 
     def best(self, fit: Fit) -> Fit:
         """Return the best fit known with the effects of this one."""
@@ -76,8 +76,7 @@ class Context:
                     effects=tuple(placed[_name(p)] for p in bare.effects)))
         fits = search_all([start for some in starts for start in some], self.parts, LONG)
         best = [min(islice(fits, len(some)), key=lambda fit: fit.cost) for some in starts]
-        for fit in best:
-            self.remember(fit)
+        self.remember(*best)
         return best
 
 

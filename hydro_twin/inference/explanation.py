@@ -148,8 +148,7 @@ def _selected(base: Fit, context: Context, known: Sequence[Model]
     """
     alternatives = fit_alternatives(base, context.parts, context.times, EVERY, True,
                                     context.progress, known)
-    for alternative in alternatives:
-        context.remember(alternative.fit)
+    context.remember(*(alternative.fit for alternative in alternatives))
     grown = select_forward(Selection(base), alternatives, context)
     base = context.best(base)
     selection = validated(grown, base, context)

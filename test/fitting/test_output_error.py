@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 from hydro_twin.fitting.elimination import eliminate, eliminate_with_reruns
+from hydro_twin.fitting.initial_state_search import InitialStateSearch
 from hydro_twin.fitting.initial_states import InitialStates
 from hydro_twin.fitting.output_error import initial_states, residuals
 from hydro_twin.fitting.parts import Part, parts_of
@@ -68,6 +69,17 @@ def test_the_initial_state_is_found_from_that_under_a_similar_model(state):
     found = initial_states(model, [part])
     near = replace(found, x=np.array([state]), rms=1e-4 * np.ones(1))
     assert initial_states(model, [part], near).x[0] == pytest.approx([1.1, 0.1], rel=1e-3)
+
+
+@pytest.mark.parametrize('effects', [(), (('dead_zone', 'command', {'width': 20.0}),)])
+def test_a_search_leads_on_from_the_initial_state_under_a_similar_model(effects, monkeypatch):
+    """And does not begin afresh where that ends as well as the state did under that model."""
+    candidate = axis(*effects)
+    part = run_from(candidate, [0.1, 0.2])
+    found = initial_states(candidate, [part])
+    near = replace(found, x=np.array([[0.05, 0.21]]), rms=1e-4 * np.ones(1))
+    monkeypatch.setattr(InitialStateSearch, 'search', lambda _: pytest.fail('began afresh'))
+    assert initial_states(candidate, [part], near).x[0] == pytest.approx([0.1, 0.2], rel=0.02)
 
 
 def test_what_sticks_starts_at_rest_whatever_the_noise():
