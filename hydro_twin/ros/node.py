@@ -1,14 +1,10 @@
 """The ROS shell round the live twin: topics, parameters, lifecycle, time; no physics."""
 from __future__ import annotations
 
-from collections import deque
 from collections.abc import Callable, Sequence
 import contextlib
-from dataclasses import dataclass
-from functools import partial
 import gc
 from pathlib import Path
-from threading import Lock
 import time
 from typing import Any
 
@@ -27,19 +23,17 @@ from hydro_twin.live.models import (
     check_same_inputs,
     Choice,
     choices,
-    load_twin,
     plant_of,
     quick_refusal,
-    same_file,
 )
 from hydro_twin.live.outlet import Outlet
-from hydro_twin.live.twin import Twin
 from hydro_twin.live.worker import Worker
 from hydro_twin.plants import plant_named
 from hydro_twin.recording.clock import check_live
 from hydro_twin.ros.announcer import Announcer
 from hydro_twin.ros.lifecycle import refuse_impossible_transitions
 from hydro_twin.ros.parameters import declare_parameters, objection, SignalParameters
+from hydro_twin.ros.running_models import RunningModels, Settings
 from hydro_twin.ros.topics import Topics
 
 TICK = 0.05      # how often the steady timer looks for inputs that are late [s]
@@ -47,21 +41,11 @@ PERIOD = 1.0     # of the diagnostics [s]
 SUCCESS, FAILURE = TransitionCallbackReturn.SUCCESS, TransitionCallbackReturn.FAILURE
 
 
-@dataclass(frozen=True)
-class _Request:
-    """What the parameters asked for while something ran: the diagnosis of that, and the values."""
-
-    diagnosis: Diagnosis
-    model: Path
-    mode: str
-    follow: list[str]
-
-
 class TwinNode(LifecycleNode):
     """A managed node: configure loads the models, activate listens and publishes.
 
     Messages and requests are handled by the executor; a thread loads models and publishes
-    diagnostics. The two meet in a few attributes that are set whole: `_swaps`, `_refused`.
+    diagnostics.
     """
 
     def __init__(self) -> None:
@@ -69,26 +53,19 @@ class TwinNode(LifecycleNode):
         refuse_impossible_transitions(self)
         self.fault: Exception | None = None   # why the last transition failed
         self._live: Live | None = None
-        self._diagnosis: Diagnosis | None = None
         self._outlets: list[Outlet] = []
-        self._chosen: list[Choice] = []
-        self._mode = ''                       # as asked for
-        self._swaps: deque[Twin] = deque()    # loaded, to take over at the next message
-        self._follow: list[str] = []          # as asked for
-        self._asked: _Request | None = None   # the newest request
-        self._refused: _Request | None = None     # the last that was refused
         self._restoring = False               # parameters are set to what runs already
-        self._lock = Lock()    # held while models take over, or are forgotten
         self._timer: Timer | None = None      # of an active node
         self._diagnosed = 0    # when that was last done, by the node's clock [ns]; 0: not yet
         self._starting = False                # by itself: who started it says what is wrong
         self._topics = Topics(self)
+        self._announcer = Announcer(self)
+        self._running = RunningModels(self._announcer, self.get_logger())
         self._signals = SignalParameters(self, self._parameter_overrides)
         self.add_on_set_parameters_callback(self._on_set)   # heeds what it is started with, too
         declare_parameters(self)
         self._declare_signals()
         self.add_post_set_parameters_callback(self._after_set)
-        self._announcer = Announcer(self)
         self.create_service(Trigger, '~/reset', self._on_reset)
         steady = Clock(clock_type=ClockType.STEADY_TIME)
         self.create_timer(TICK, self._restore, clock=steady)   # in every state of the node
@@ -114,8 +91,8 @@ class TwinNode(LifecycleNode):
         gc.collect()
         gc.freeze()
         gc.disable()   # the worker collects
-        self.get_logger().info(f'runs {", ".join(str(choice.path) for choice in self._chosen)} on '
-                               f'{", ".join(self._topics.publishers())}')
+        files = ', '.join(str(choice.path) for choice in self._running.settings.chosen)
+        self.get_logger().info(f'runs {files} on {", ".join(self._topics.publishers())}')
         if ignored := self._signals.ignored():
             self.get_logger().warning(f'ignores parameters that it does not know: '
                                       f'{", ".join(ignored)}')
@@ -170,16 +147,15 @@ class TwinNode(LifecycleNode):
 
     def _configure(self) -> None:
         """Make everything that an active node needs."""
-        self._chosen = self._choices()
-        self._mode = self.get_parameter('mode').value
-        self._follow = self.get_parameter('follow').value
-        twins = self._load(self._chosen, self._mode, self._follow)
+        settings = Settings(tuple(self._choices()), self.get_parameter('mode').value,
+                            tuple(self.get_parameter('follow').value))
+        twins = self._running.load(settings)
         for twin in twins:
             check_same_inputs(twin, twins[0])
         predictor = twins[0].predictor
         plant = self.get_parameter('plant').value
         if plant not in ('', predictor.plant.name):
-            raise ModelError(f'{self._chosen[0].path}: a model of {predictor.plant.name}, but '
+            raise ModelError(f'{settings.main.path}: a model of {predictor.plant.name}, but '
                              f"the parameter 'plant' is {plant}")
         check_live(self.get_parameter('sample_time').value or None, predictor.sample_time)
         signals = self._topics.resolved(self._signals.read(predictor.plant))
@@ -188,22 +164,8 @@ class TwinNode(LifecycleNode):
         horizon = self.get_parameter('horizon').value
         self._outlets = [self._topics.outlet(twin, horizon) for twin in twins]
         self._diagnosed = 0
-        self._diagnosis = Diagnosis(self._live, twins)
+        self._running.begin(settings, Diagnosis(self._live, twins))
         self._announcer.info(twins)
-
-    def _load(self, chosen: Sequence[Choice], mode: str, follow: Sequence[str]) -> list[Twin]:
-        """Load models, and say which of them cannot run in a mode.
-
-        Raises:
-            ModelError: one cannot be used.
-        """
-        twins = [load_twin(choice, mode, follow) for choice in chosen]
-        for choice, twin in zip(chosen, twins, strict=True):
-            if twin.mode != mode:
-                self.get_logger().warning(
-                    f'{choice.path} has no section `{mode}`, so it runs {twin.mode}: `refit` and '
-                    '`trace` write one for analytical models')
-        return twins
 
     def _choices(self) -> list[Choice]:
         """List the models that the parameters ask for."""
@@ -241,10 +203,7 @@ class TwinNode(LifecycleNode):
         self._topics.close()
         self._outlets = []
         self._live = None
-        self._asked = self._refused = None
-        with self._lock:
-            self._diagnosis = None
-            self._swaps.clear()
+        self._running.forget()
 
     # The hot path
 
@@ -256,8 +215,8 @@ class TwinNode(LifecycleNode):
             return int(clock.now().nanoseconds)
 
         def listen(payload: bytes) -> None:
-            if self._swaps:
-                self._swap()
+            if self._running.waiting:
+                self._running.swap_in(self._outlets)
             if not live.begun:
                 live.begin(self._topics.publishers())
             live.take(feed, payload, now)
@@ -273,14 +232,6 @@ class TwinNode(LifecycleNode):
                 if aligner.first:
                     outlet.restart()
                 outlet.step(aligner.stamp, aligner.inputs, aligner.measured, aligner.sensors)
-
-    def _swap(self) -> None:
-        """Let freshly loaded twins take over, between two samples."""
-        while self._swaps:
-            twin = self._swaps.popleft()
-            for outlet in self._outlets:
-                if outlet.twin.name == twin.name:
-                    outlet.exchange(twin)
 
     def _on_tick(self) -> None:
         """Fill in inputs that are late, unless it is this process that is late."""
@@ -318,9 +269,7 @@ class TwinNode(LifecycleNode):
         now = self.get_parameter_or(parameter.name)
         if not self.has_parameter(parameter.name) or now.value != parameter.value:
             return False
-        diagnosis = self._diagnosis
-        return (parameter.name != 'model' or diagnosis is None or not self._chosen
-                or same_file(self._chosen[0].path, diagnosis.twins[0]))
+        return parameter.name != 'model' or not self._running.file_changed()
 
     def _on_set(self, parameters: Sequence[Parameter]) -> SetParametersResult:
         """Refuse what cannot be, as far as that shows without loading anything."""
@@ -343,7 +292,7 @@ class TwinNode(LifecycleNode):
         if name in ('models', 'plant') or name.startswith('signals.'):
             return f'{name} can be set before the node is configured: clean it up first'
         if name == 'model':
-            if self._chosen[0].name:
+            if self._running.settings.main.name:
                 return 'the node was configured without a main model'
             return quick_refusal(Path(value).expanduser(),
                                  self._outlets[0].twin.predictor.plant.name)
@@ -363,25 +312,19 @@ class TwinNode(LifecycleNode):
         if 'horizon' in values:
             for outlet in self._outlets:
                 outlet.horizon = values['horizon']
-        if values.keys() & {'model', 'mode', 'follow'} and self._diagnosis is not None:
-            model, mode, follow = (self.get_parameter(name).value
-                                   for name in ('model', 'mode', 'follow'))
-            first = self._chosen[0]
-            self._asked = _Request(self._diagnosis, first.path if first.name else
-                                   Path(model).expanduser(), mode, follow)
-            self._worker.do(partial(self._reload, self._asked))
+        if values.keys() & {'model', 'mode', 'follow'}:
+            reload = self._running.ask(*(self.get_parameter(name).value
+                                         for name in ('model', 'mode', 'follow')))
+            if reload is not None:
+                self._worker.do(reload)
 
     def _restore(self) -> None:
-        """Set the parameters to what runs where the newest request was refused.
-
-        After an older one, they are still those of a request that may be granted.
-        """
-        refused, self._refused = self._refused, None
-        if refused is None or refused is not self._asked:
+        """Set the parameters to what runs where the newest request was refused."""
+        if not self._running.refused():
             return
-        first = self._chosen[0]
-        runs = {'mode': self._mode, 'follow': self._follow,
-                **({} if first.name else {'model': str(first.path)})}
+        settings = self._running.settings
+        runs = {'mode': settings.mode, 'follow': list(settings.follow),
+                **({} if settings.main.name else {'model': str(settings.main.path)})}
         self._restoring = True
         try:
             self.set_parameters([Parameter(name, value=value) for name, value in runs.items()])
@@ -390,36 +333,9 @@ class TwinNode(LifecycleNode):
 
     # Off the hot path
 
-    def _reload(self, asked: _Request) -> None:
-        """Load what has changed to take over from what runs, or leave that running."""
-        diagnosis, model, mode, follow = asked.diagnosis, asked.model, asked.mode, asked.follow
-        if self._diagnosis is not diagnosis:
-            return   # cleaned up meanwhile
-        first, *others = self._chosen
-        everywhere = (mode, follow) != (self._mode, self._follow)
-        chosen = [Choice(first.name, model), *others]
-        try:
-            twins = self._load(chosen if everywhere else chosen[:1], mode, follow)
-            check_same_inputs(twins[0], diagnosis.twins[0])
-        except ModelError as error:
-            if self._diagnosis is diagnosis:
-                self.get_logger().error(f'refused, the model before it still runs: {error}')
-                self._announcer.event('refused', says=str(error))
-                self._refused = asked
-            return
-        with self._lock:
-            if self._diagnosis is not diagnosis:
-                return   # cleaned up while it was loaded, which takes seconds
-            self._chosen, self._mode, self._follow = chosen, mode, follow
-            self._swaps.extend(twins)
-            diagnosis.replace(twins)
-        self._announcer.info(diagnosis.twins)
-        self._announcer.event('swapped', model=str(model), mode=twins[0].mode)
-        self.get_logger().info(f'{model} takes over, {twins[0].mode}')
-
     def _diagnose(self, elapsed: float) -> None:
         """Judge the residuals, publish diagnostics, tidy up."""
-        diagnosis = self._diagnosis
+        diagnosis = self._running.diagnosis
         if diagnosis is None:
             return
         now = self.get_clock().now()

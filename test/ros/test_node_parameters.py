@@ -58,7 +58,8 @@ def test_signals_can_be_set_before_the_node_is_configured(model: Path) -> None:
         assert not node.has_parameter('signals.u_m.topic')
 
 
-def test_what_is_refused_once_it_is_loaded_goes_back_to_what_runs(tmp_path: Path) -> None:
+def test_what_is_refused_once_it_is_loaded_goes_back_to_what_runs(
+        tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """Else every later model would be refused for it, too."""
     plant = plant_named('cylinder')
     path = tmp_path / 'model.yaml'
@@ -66,10 +67,10 @@ def test_what_is_refused_once_it_is_loaded_goes_back_to_what_runs(tmp_path: Path
         1e-5, {'q': 1e-4, 'x': 1e-4}, {'q': 0.1, 'x': 0.1})), path)
     with running('-p', f'model:={path}', '-p', 'follow:=[tau]') as node:
         node.start()
-        node._worker.stop()     # which loads by itself
+        node._worker.stop()
+        monkeypatch.setattr(node._worker, 'do', lambda job: job())   # at once
         for value in (['Kv'], ['tau', 'K_v']):
             assert set_(node, 'follow', value).successful
-            node._reload(node._asked)
             node._restore()
             assert node.get_parameter('follow').value == (['tau'] if 'Kv' in value else value)
             assert node.get_parameter('mode').value == 'observer'
@@ -89,7 +90,7 @@ def by_hand(model: Path, monkeypatch: pytest.MonkeyPatch, *arguments: str,
 
 def runs(node: TwinNode) -> tuple[str, str]:
     """Let what is loaded take over; say which file runs, and in which mode."""
-    node._swap()
+    node._running.swap_in(node._outlets)
     for outlet in node._outlets:
         outlet.restart()
     (twin,) = {outlet.twin for outlet in node._outlets}
@@ -186,7 +187,7 @@ def test_what_was_refused_is_restored_in_every_state_and_forgotten_with_the_mode
 def test_what_is_loaded_while_the_node_is_cleaned_up_does_not_run(
         model: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     with by_hand(model, monkeypatch) as (node, jobs):
-        load = node._load
+        load = node._running.load
 
         def slow(*arguments: Any) -> Any:
             twins = load(*arguments)
@@ -195,11 +196,11 @@ def test_what_is_loaded_while_the_node_is_cleaned_up_does_not_run(
             return twins
 
         assert set_(node, 'model', str(copied(model, 'other'))).successful
-        monkeypatch.setattr(node, '_load', slow)
+        monkeypatch.setattr(node._running, 'load', slow)
         jobs[0]()
-        assert node._diagnosis is None
-        assert not node._swaps
-        monkeypatch.setattr(node, '_load', load)
+        assert node._running.diagnosis is None
+        assert not node._running.waiting
+        monkeypatch.setattr(node._running, 'load', load)
         assert set_(node, 'model', str(model)).successful
         node.start()
         jobs[0]()               # as if it had been queued until now
@@ -209,7 +210,7 @@ def test_what_is_loaded_while_the_node_is_cleaned_up_does_not_run(
 def test_diagnostics_go_on_over_a_reload_and_by_the_clock_of_the_bag(
         model: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     with by_hand(model, monkeypatch, '-p', 'use_sim_time:=true') as (node, jobs):
-        diagnosis = node._diagnosis
+        diagnosis = node._running.diagnosis
         assert diagnosis is not None
         elapsed: list[float] = []
         monkeypatch.setattr(diagnosis, 'statuses', lambda now, time, publishers:
@@ -222,7 +223,7 @@ def test_diagnostics_go_on_over_a_reload_and_by_the_clock_of_the_bag(
         assert elapsed == [1.0, 1.0, 3.0]
         assert set_(node, 'model', str(copied(model, 'other'))).successful
         jobs.pop()()
-        assert node._diagnosis is diagnosis
+        assert node._running.diagnosis is diagnosis
         assert diagnosis.twins[0].about['path'].endswith('other.yaml')
 
 
@@ -279,7 +280,7 @@ def test_inputs_are_named_as_they_are_subscribed_to(model: Path) -> None:
         inputs = {'/elsewhere/command', '/rig/load_simulator/joint_states'}
         assert {topic for topic, _ in node.get_subscriber_names_and_types_by_node(
             'hydro_twin', '/rig')} >= inputs
-        diagnosis = node._diagnosis
+        diagnosis = node._running.diagnosis
         assert diagnosis is not None
         assert {status.part for status in diagnosis.statuses(0, 1.0, {})} >= {
             f'input {topic}' for topic in inputs}
