@@ -1,7 +1,4 @@
-"""The result of a trace as one finished value: what was found, and all that a report shows of it.
-
-Nothing here fits or runs a model, and nothing is left to be computed from one.
-"""
+"""All that a trace found, and all that a report shows of it."""
 from __future__ import annotations
 
 from collections.abc import Mapping
@@ -9,205 +6,25 @@ from dataclasses import dataclass
 from typing import Literal
 
 from hydro_twin.arrays import FloatArray
-from hydro_twin.effects import Placed
 from hydro_twin.model import Estimate, Model
-from hydro_twin.plants import Plant, Port
+from hydro_twin.plants import Plant
 from hydro_twin.recording.series import Series
+from hydro_twin.result.effects import (
+    BestNamed,
+    FoundCurve,
+    Improvement,
+    NamedEffect,
+    OverTime,
+    Profile,
+    Shape,
+)
+from hydro_twin.result.remainder import Remainder
 
-CLOSE = 10.0            # difference in BIC below which the data do not decide between two laws
-NEAR = 100.0            # difference in BIC up to which a rival is near
-CERTAIN = 0.99          # probability from which a law is certain
 # The test part: the first third of every series, or the second sixth, or every third series.
 THIRD, SIXTH, SERIES = 3, 6, 1
 
 VerdictKind = Literal['effect_found', 'nothing_missing', 'unexplained']
 Errors = Mapping[str, Mapping[str, float]]      # mode -> part -> RMS error, in the output's unit
-
-
-@dataclass(frozen=True)
-class Improvement:
-    """How much smaller a mean square error became.
-
-    Attributes:
-        relative: 1 - after / before.
-        low, high: its bootstrap interval at 98 %.
-    """
-
-    relative: float
-    low: float
-    high: float
-
-
-@dataclass(frozen=True)
-class FreeCurve:
-    """A free curve over a signal: knots, what is added there, its standard error, each (K,)."""
-
-    label: str
-    knots: FloatArray
-    added: FloatArray
-    std_error: FloatArray
-
-
-@dataclass(frozen=True)
-class Shape:
-    """What an effect adds at its port, as it acts in the run and as free curves have it.
-
-    Attributes:
-        signal: that is shown over, a signal at the port or 'value'.
-        reads: how many signals the law depends on.
-        x, added: some samples of the signal and of what the law adds, (N,).
-        curves: fitted without the law; one, or one for a rising and one for a falling signal.
-    """
-
-    signal: str
-    reads: int
-    x: FloatArray
-    added: FloatArray
-    curves: tuple[FreeCurve, ...]
-
-
-@dataclass(frozen=True)
-class Profile:
-    """The output error over the first parameter of an effect, all else as fitted.
-
-    Attributes:
-        values, errors: (K,), RMS on what was fitted.
-        error: at the value that was fitted.
-    """
-
-    values: FloatArray
-    errors: FloatArray
-    error: float
-
-
-@dataclass(frozen=True)
-class OverTime:
-    """How a parameter of the plant went over time.
-
-    Attributes:
-        time: [s] from the start of the recording, (K,).
-        values: of the parameter by its law, (K,).
-        free: of the parameter as the recording shows them at some times, without any law.
-    """
-
-    time: FloatArray
-    values: FloatArray
-    free: FreeCurve
-
-
-@dataclass(frozen=True)
-class NamedEffect:
-    """An effect that the plant lacks.
-
-    Attributes:
-        index: of the effect among those of the model after.
-        placed: the effect with its values.
-        p_value: of what it adds to the others, for all that was tried.
-        share: of the mean square error without it that it takes off.
-        law_unknown: probability that the law is none of the library's.
-        probability: that this is the law; where it sits may still be open.
-        ports: probability of each port at which it may sit, given the effect; its own first.
-        other_ports: where it would explain as much.
-        rivals: (id, difference in BIC) of other effects in its place, nearest first.
-        given: parameter of the effect -> parameters of the plant that the recording does not
-            determine: the value holds only for these as they stand.
-    """
-
-    index: int
-    placed: Placed
-    p_value: float
-    share: float
-    law_unknown: float
-    probability: float
-    ports: Mapping[str, float]
-    other_ports: tuple[str, ...]
-    rivals: tuple[tuple[str, float], ...]
-    given: Mapping[str, tuple[str, ...]]
-
-    @property
-    def id(self) -> str:
-        """Its id."""
-        return self.placed.effect.id
-
-    @property
-    def port(self) -> str:
-        """The name of its port."""
-        return self.placed.port.name
-
-    @property
-    def certain(self) -> bool:
-        """Whether the data single out this law."""
-        return self.probability >= CERTAIN
-
-    @property
-    def close(self) -> tuple[str, ...]:
-        """The ids of the rivals between which and it the data do not decide."""
-        return tuple(name for name, distance in self.rivals if distance < CLOSE)
-
-
-@dataclass(frozen=True)
-class FoundCurve:
-    """A curve without a name: the last effect of the model after.
-
-    Attributes:
-        improvement: of the mean square error on held-out data, against the model without it.
-        p_value: of what it adds, for all that was tried.
-        others: (curve at another place, difference in BIC), nearest first.
-    """
-
-    placed: Placed
-    improvement: Improvement
-    p_value: float
-    others: tuple[tuple[Placed, float], ...]
-
-
-@dataclass(frozen=True)
-class BestNamed:
-    """The best explanation by named effects, where a free curve took their place.
-
-    Attributes:
-        effects: with their values.
-        held_out_error: RMS of what they leave of the test part, but for its initial states.
-    """
-
-    effects: tuple[Placed, ...]
-    held_out_error: float
-
-
-@dataclass(frozen=True)
-class Dependence:
-    """What a free curve at one port over one signal explains of a residual.
-
-    Attributes:
-        signal: 'value' of the port, or a signal there.
-        share: of the residual's power, by cross-validation over blocks of the training part.
-        p_value: of the share under noise, for all dependences tried.
-        knots, curve: the signal and what is added to the value of the port there.
-    """
-
-    port: Port
-    signal: str
-    share: float
-    p_value: float
-    knots: FloatArray
-    curve: FloatArray
-
-
-@dataclass(frozen=True)
-class Line:
-    """A spectral line: frequency [Hz], amplitude in the unit of the residual."""
-
-    frequency: float
-    amplitude: float
-
-
-@dataclass(frozen=True)
-class Spell:
-    """When much of a residual comes, in seconds from the start of its bag."""
-
-    bag: str
-    begin: float
-    end: float
 
 
 @dataclass(frozen=True)
@@ -237,36 +54,6 @@ class Memory:
     moved: tuple[str, ...]
     before: float
     after: float
-
-
-@dataclass(frozen=True)
-class Remainder:
-    """The residual of the plant with all named effects.
-
-    Attributes:
-        error: RMS of what was fitted, in the output's unit.
-        held_out_error: the same of the test part.
-        white: by the test of Ljung and Box.
-        spells: when much of it comes, if seldom, by bag and time.
-        depends_on: port signals that explain some of it, the strongest first.
-        drifts: whether the parameters drift over the recording.
-        by_ports: (share, p-value) of what the port signals predict of it, in any way.
-        loud: whether it is larger than noise can be.
-        larger_held_out: whether it is larger on held-out data than by chance.
-        structured: whether any test finds structure in it.
-    """
-
-    error: float
-    held_out_error: float
-    white: bool
-    lines: tuple[Line, ...]
-    spells: tuple[Spell, ...]
-    depends_on: tuple[Dependence, ...]
-    drifts: bool
-    by_ports: tuple[float, float]
-    loud: bool
-    larger_held_out: bool
-    structured: bool
 
 
 @dataclass(frozen=True)
