@@ -215,8 +215,9 @@ def is_alive(pid):
 
 
 ENDLESS = """
-import time
+import signal, time
 from hydro_twin import parallel
+signal.signal(signal.SIGINT, signal.default_int_handler)   # ignored if begun in the background
 parallel.WORTH = 0.0
 list(parallel.in_processes(time.sleep, [0.02] * 8))
 print('begins', flush=True)
