@@ -95,11 +95,14 @@ def parts_of(recording: Recording, plant: Plant) -> list[Part]:
               if sensor.name in series.columns})
         for series in recording.series if len(series) >= least_samples(plant, series.sample_time)]
     if not parts:
-        longest = max(recording.series, key=len, default=None)
+        if not recording.series:
+            raise DataError('there is no series')
+        longest = max(recording.series, key=len)
+        n, needed = len(longest), least_samples(plant, longest.sample_time)
         raise DataError(
-            'there is no series' if longest is None else
-            f'no series is long enough: the longest has {len(longest)} samples, '
-            f'{least_samples(plant, longest.sample_time)} are needed')
+            f'no series is long enough for a {plant.title}: the longest has {n} samples '
+            f'({n * longest.sample_time:.3g} s), {needed} ({needed * longest.sample_time:.3g} s) '
+            'are needed')
     if not all(np.isfinite(part.inputs).all() and np.isfinite(part.measured).all()
                for part in parts):
         raise DataError('the recording holds values that are not finite')
