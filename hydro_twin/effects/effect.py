@@ -141,6 +141,7 @@ class Effect:
             then its first start, the gentlest, is always searched from.
         refined: what the recording reaches and the parameters of the simple law -> sets of
             parameters to begin at with refinements let in.
+        plain: parameters -> those of the simple law that is nearest; None: without refinements.
         distinguishable: what the recording reaches and parameters -> whether such a recording
             separates them from something simpler; where it does not, the effect is not tried.
         passes_for: what the recording reaches -> the id of the simpler effect that it would look
@@ -166,6 +167,7 @@ class Effect:
     beyond_reach: bool = False
     hides: bool = False
     refined: Callable[[Span, tuple[float, ...]], Starts] | None = None
+    plain: Callable[[tuple[float, ...]], tuple[float, ...]] | None = None
     distinguishable: Callable[[Span, tuple[float, ...]], bool] | None = None
     passes_for: Callable[[Span], str] | None = None
     law: Callable[..., Any] | None = None

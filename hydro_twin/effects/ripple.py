@@ -10,8 +10,10 @@ FEWEST = 5.0            # periods a turn of a coarse motor
 LEAST = 0.1             # of a period, over which a sine is a parabola: a bias and a spring make up
 #                         for most of it
 PARTS = (0.2, 0.35)     # of a period to start from; from the last on in equal steps
-SHAPE = 1.0             # periods, in less of which harmonics would fit any shape
-FIRST, LAST = 3.0, 63.0     # periods a turn to start from
+SHAPE = 2.0             # periods, in less of which harmonics would fit any shape: that it repeats
+#                         is not seen
+GRAVITY = (1.0, 2.0)    # periods a turn of a load that hangs on the axis
+FIRST, LAST = 3.0, 63.0     # the same of what ripples more often, to start from
 NO_HARMONICS = (0.0, 0.0, 0.0, 0.0)
 
 
@@ -38,7 +40,8 @@ def starts(span: Span) -> Starts:
     steps = [FIRST + step * k for k in range(int((LAST - FIRST) / step))]
     small = 0.03 * span.value
     return [values for periods in (*(few for few in parts if FIRST <= few < LAST),
-                                   *(many for many in steps if _seen(span, many) > PARTS[-1]))
+                                   *(many for many in (*GRAVITY, *steps)
+                                     if _seen(span, many) > PARTS[-1]))
             for values in ((small, 0.0, periods, *NO_HARMONICS),
                            (0.0, small, periods, *NO_HARMONICS))]
 
@@ -50,6 +53,14 @@ def refined(span: Span, values: tuple[float, ...]) -> Starts:
     return [forms for forms in ((cosine, sine, periods, small, small, small, small),
                                 (small, small, periods / 2.0, cosine, sine, small, small))
             if _seen(span, forms[2]) > SHAPE]
+
+
+def plain(values: tuple[float, ...]) -> tuple[float, ...]:
+    """Take the strongest harmonic alone, as what repeats."""
+    cosine, sine, periods, *harmonics = values
+    waves = [(cosine, sine), tuple(harmonics[:2]), tuple(harmonics[2:])]
+    k = max(range(len(waves)), key=lambda k: math.hypot(*waves[k]))
+    return (*waves[k], (k + 1) * periods, *NO_HARMONICS)
 
 
 def distinguishable(span: Span, values: tuple[float, ...]) -> bool:
@@ -78,7 +89,7 @@ EFFECT = Effect(
                         scales=1),
         EffectParameter('sine', 'amplitude in sine phase', 'value', -1e9, 1e9, log=False,
                         scales=1),
-        EffectParameter('periods', 'periods a turn', '1', 1.0, 1e3, log=False),
+        EffectParameter('periods', 'periods a turn', '1', 0.1, 1e3, log=False),
         *(EffectParameter(f'{phase}_{k}', f'that of {k} times the periods', 'value', -1e9, 1e9,
                           log=False, refinement=0.0, scales=1)
           for k in (2, 3) for phase in ('cosine', 'sine')),
@@ -88,6 +99,7 @@ EFFECT = Effect(
     hides=True,
     periodic=True,
     refined=refined,
+    plain=plain,
     distinguishable=distinguishable,
     passes_for=passes_for,
     law=law,

@@ -9,11 +9,16 @@ fitted to short windows, each with its own initial state, and go on from there [
 
 A long run also adds up what no law explains, and a law may be chosen for making up for that, as a
 dead zone of the torque where a joint has dry friction. Over short windows little of it adds up.
+
+And where a force pushes on what it has moved, as gravity does on a pendulum near the top, no run
+follows for long, under the right laws either. Then the horizon is as long as one can.
 """
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import replace
+
+import numpy as np
 
 from hydro_twin.effects import Placed
 from hydro_twin.fitting.fit import Fit
@@ -28,8 +33,10 @@ from hydro_twin.inference.select import fit_alternatives, KEPT
 from hydro_twin.inference.starts import with_other
 from hydro_twin.inference.stepwise import LATER
 from hydro_twin.model import Model
+from hydro_twin.predictors.scores import rms
 
 SHORTER = 8             # times: a constant force that is lacking moves a mass by a 64th as much
+FOLLOWS = 0.25          # error over the movement within the windows, below which a run follows it
 
 
 def from_short_windows(base: Fit, context: Context) -> list[Model]:
@@ -53,6 +60,56 @@ def from_short_windows(base: Fit, context: Context) -> list[Model]:
                              context.progress)
     return [one.fit.candidate for rank, one in enumerate(found)
             if rank < KEPT or one.placed.effect.periodic]
+
+
+def shorter_horizon(base: Fit, parts: Sequence[Part], times: tuple[float, float],
+                    progress: Callable[[str], None]) -> tuple[float, Model] | None:
+    """Find how long a model with one more effect follows, where that is shorter than the windows.
+
+    Args:
+        base: the model without effects, fitted to the parts.
+        parts: windows of a plant that integrates.
+        times: stamps [s] of the first and the last sample.
+        progress: called with what is being done.
+
+    Returns:
+        The time [s], and the model; None where the model without effects follows, or one with an
+        effect does over all of the windows or over none that is shorter.
+    """
+    candidate = base.candidate
+    if (not candidate.plant.integrates or _follows(base, parts) or not any(
+            effect.periodic for effect, _ in places(candidate.plant, candidate.effects))):
+        return None
+    progress('looking for a horizon')
+    least = least_samples(candidate.plant, candidate.sample_time)
+
+    def cut(longest: int) -> list[Part]:
+        return [window for part in parts
+                for window in windows(part, longest, least, candidate.sample_time)]
+
+    longest = max(len(part.measured) for part in parts)
+    length, short, fit = longest, parts, base
+    while not _follows(fit, short) and length >= 2 * least:
+        length //= 2
+        short = cut(length)
+        fit = search(candidate, short, LONG)
+    found = fit_alternatives(fit, short, times, LATER, True, progress)
+    if not found or not _follows(found[0].fit, short):
+        return None
+    best = found[0].fit
+    while length < longest:
+        twice = cut(2 * length)
+        longer = search(best.candidate, twice, LONG)
+        if not _follows(longer, twice):
+            return length * candidate.sample_time, best.candidate
+        length, best = 2 * length, longer
+    return None
+
+
+def _follows(fit: Fit, parts: Sequence[Part]) -> bool:
+    """Whether the error of runs is small against the movement within the windows."""
+    moves = rms(np.concatenate([part.measured - part.measured.mean() for part in parts]))
+    return fit.error < FOLLOWS * moves
 
 
 def with_rivals_of_short_windows(selection: Selection, context: Context) -> Selection:

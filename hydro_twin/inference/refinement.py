@@ -71,6 +71,8 @@ def _is_refined(fit: Fit, index: int) -> bool:
 
 def unrefined(placed: Placed) -> Placed:
     """Return an effect in its simple form, without any refinement."""
+    if placed.effect.plain is not None:
+        return replace(placed, values=placed.effect.plain(placed.values))
     return replace(placed, values=tuple(
         v if p.refinement is None else p.refinement
         for p, v in zip(placed.effect.parameters, placed.values, strict=True)))

@@ -14,10 +14,11 @@ from hydro_twin.fitting.horizon import errors_over_horizon, judged_errors
 from hydro_twin.fitting.linear import fit_linear, refuse_reversed
 from hydro_twin.fitting.output_error import free_run_error
 from hydro_twin.fitting.outputs import sensors_in
-from hydro_twin.fitting.parts import least_samples, Part, parts_of, thin, with_travel
+from hydro_twin.fitting.parts import Part, parts_of, thin, with_travel
 from hydro_twin.fitting.port_signals import predicted_by_ports
 from hydro_twin.fitting.whiteness import is_white
 from hydro_twin.inference.context import Context
+from hydro_twin.inference.continuation import shorter_horizon
 from hydro_twin.inference.curve import FittedCurve
 from hydro_twin.inference.determined import without_undetermined
 from hydro_twin.inference.evaluate import result_of
@@ -32,6 +33,7 @@ from hydro_twin.inference.noise import bursts, lines, noise_floor
 from hydro_twin.inference.refinement import unrefined
 from hydro_twin.inference.screen import undetectable
 from hydro_twin.inference.search import LONG, search, search_all, unsearched
+from hydro_twin.inference.splits import held_out_split, second_split
 from hydro_twin.inference.stepwise import FINEST, LEAST_SHARE, with_fine_steps
 from hydro_twin.inference.structure import dependences, drift_test
 from hydro_twin.inference.weighing import best_named
@@ -39,11 +41,10 @@ from hydro_twin.model import Model, Record
 from hydro_twin.plants import Plant
 from hydro_twin.predictors.analytical import Analytical
 from hydro_twin.predictors.scores import errors_by_series, rms
-from hydro_twin.recording.series import moves_alike, Recording, split, split_by_series
+from hydro_twin.recording.series import Recording, split
 from hydro_twin.result import (
     Improvement,
     Memory,
-    SERIES,
     SIXTH,
     THIRD,
     TraceResult,
@@ -66,8 +67,8 @@ def trace(recording: Recording, test: Recording | None, plant: Plant,
         test: what is not, and judges. None: the first third of every series of the recording.
             Where the model fails there, more happens than in the rest, as in a sweep that begins
             slowly; then the second sixth, and the first is fitted, if as much is found then.
-            Where a plant that integrates moves otherwise there than in the rest, every third
-            series instead, whole, if these do not.
+            Where a plant that integrates moves otherwise there than in the rest, another part,
+            see `held_out_split`.
         plant: the plant.
         constants: of the rig, where they differ from the plant's defaults.
         model: where to start, instead of a fresh fit of the linear plant.
@@ -93,17 +94,12 @@ def evidence(recording: Recording, test: Recording | None, plant: Plant,
     """Search for it, see `trace`, and return the fits and tests that a result is made of."""
     if test is not None:
         return _search(recording, test, plant, constants, model, seed, progress)
-    if _one_way(split(recording), plant) and not _one_way(split_by_series(recording), plant):
-        found = _search(*split_by_series(recording), plant, constants, model, seed, progress)
-        return replace(found, tested=SERIES)
-    found = _search(*split(recording), plant, constants, model, seed, progress)
-    found = replace(found, tested=THIRD)
-    too_short = all(len(series) < SIXTH * least_samples(plant, series.sample_time)
-                    for series in recording.series)
-    if too_short or not found.is_larger_held_out:
+    parts, tested = held_out_split(recording, plant)
+    found = replace(_search(*parts, plant, constants, model, seed, progress), tested=tested)
+    second = second_split(recording, plant)
+    if tested != THIRD or second is None or not found.is_larger_held_out:
         return found
-    again = _search(*split(recording, SIXTH, 1), plant, constants, model, seed, progress,
-                    found.after.candidate)
+    again = _search(*second, found.plant, constants, model, seed, progress, found.after.candidate)
     return replace(again, tested=SIXTH) if again.additions >= found.additions else found
 
 
@@ -141,17 +137,6 @@ def _mean_square(fit: Fit, parts: Sequence[Part]) -> float:
     return rms(np.concatenate(residuals(fit, parts))) ** 2
 
 
-def _one_way(parts: tuple[Recording, Recording], plant: Plant) -> bool:
-    """Whether a plant that integrates moves otherwise where it is tested than where it is fitted.
-
-    As a cylinder that extends in the first third of a series and retracts in the rest: neither
-    part can say of the other whether its laws are right.
-    """
-    return plant.integrates and (
-        not parts[1].series
-        or not moves_alike(*parts, plant.output.name, plant.start_up))
-
-
 class _Data(NamedTuple):
     """The data of a search, each for training and held out.
 
@@ -176,7 +161,7 @@ class _Data(NamedTuple):
 def _search(train: Recording, test: Recording, plant: Plant,
             constants: Mapping[str, float] | None, model: Model | None, seed: int,
             progress: Callable[[str], None], known: Model | None = None) -> Evidence:
-    """Search with one test part; `known` is the model that a search with another one found."""
+    """Search with one test part; `known` is a model with effects that was found before."""
     whole, held_out = with_travel(parts_of(train, plant), parts_of(test, plant))
     sample_time = train.series[0].sample_time
     plant = plant.seen_by(sensors_in(whole, plant, plant.start_samples(sample_time)))
@@ -189,6 +174,12 @@ def _search(train: Recording, test: Recording, plant: Plant,
                             sample_time, seed).candidate
         before = search(linear, fine, LONG)
         refuse_reversed(before, fine)
+        shorter = None if known else shorter_horizon(
+            before, fine, _times([*whole, *held_out], sample_time), progress)
+        if shorter:
+            plant = replace(plant, horizon=shorter[0])
+            return _search(train, test, plant, constants, model, seed, progress,
+                           replace(shorter[1], plant=plant))
     else:
         before = search(resampled(replace(
             model, plant=plant, noise=None, record=Record()), sample_time), fine, 1)

@@ -124,16 +124,36 @@ def split(recording: Recording, nth: int = 3, skipped: int = 0) -> tuple[Recordi
         (train, test); train has a series for what comes before the test part and one for what
         comes after it. Each knows the series that it is cut from, over which a run goes.
     """
-    def cut(s: Series, begin: int, end: int) -> Series:
-        return replace(s.part(begin, end), whole=s, offset=begin)
-
     train, test = [], []
     for s in recording.series:
         begin, end = len(s) * skipped // nth, len(s) * (skipped + 1) // nth
-        train += [cut(s, 0, begin)] if begin else []
-        train.append(cut(s, end, len(s)))
-        test.append(cut(s, begin, end))
+        train += [_cut(s, 0, begin)] if begin else []
+        train.append(_cut(s, end, len(s)))
+        test.append(_cut(s, begin, end))
     return Recording(tuple(train), recording.sources), Recording(tuple(test), recording.sources)
+
+
+def split_by_windows(recording: Recording, length: float) -> tuple[Recording, Recording]:
+    """Cut every series into windows, and split off the second of every three; see `split`.
+
+    Args:
+        recording: what is split.
+        length: of a window [s], about.
+    """
+    train, test = [], []
+    for s in recording.series:
+        windows = max(round(len(s) * s.sample_time / length), 1)
+        edges = [len(s) * k // windows for k in range(windows + 1)]
+        held_out = list(zip(edges[1::3], edges[2::3], strict=False))
+        test += [_cut(s, begin, end) for begin, end in held_out]
+        ends = [0, *(edge for window in held_out for edge in window), len(s)]
+        train += [_cut(s, begin, end) for begin, end in zip(ends[::2], ends[1::2], strict=True)
+                  if end > begin]
+    return Recording(tuple(train), recording.sources), Recording(tuple(test), recording.sources)
+
+
+def _cut(s: Series, begin: int, end: int) -> Series:
+    return replace(s.part(begin, end), whole=s, offset=begin)
 
 
 def split_by_series(recording: Recording) -> tuple[Recording, Recording]:

@@ -31,6 +31,7 @@ from hydro_twin.result.trace_result import (
     THIRD,
     TraceResult,
     VerdictKind,
+    WINDOWS,
 )
 
 __all__ = [
@@ -40,6 +41,7 @@ __all__ = [
     'SERIES',
     'SIXTH',
     'THIRD',
+    'WINDOWS',
     'BestNamed',
     'Dependence',
     'Errors',

@@ -76,7 +76,7 @@ def test_a_search_starts_within_the_bounds_and_leads_to_the_simple_law(site):
         assert all(p.refinement is None for p in effect.parameters)
         return
     let_in = set()
-    for start in effect.refined(span, starts[0]):
+    for start in effect.refined(span, starts[-1]):
         for p, value in zip(effect.parameters, start, strict=True):
             assert p.lower <= value <= p.upper
             if p.refinement is not None and value != p.refinement:

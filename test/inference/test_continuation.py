@@ -1,16 +1,23 @@
 """Short windows: a start where a search over long ones is led astray, and a check of names."""
 import numpy as np
 import pytest
+from scipy.integrate import solve_ivp
 
 from hydro_twin.fitting.linear import fit_linear
 from hydro_twin.fitting.parts import Part
 from hydro_twin.inference.context import Context
-from hydro_twin.inference.continuation import from_short_windows, with_rivals_of_short_windows
+from hydro_twin.inference.continuation import (
+    from_short_windows,
+    shorter_horizon,
+    with_rivals_of_short_windows,
+)
 from hydro_twin.inference.findings import Finding, Selection
 from hydro_twin.inference.search import search
 from hydro_twin.inference.select import fit_alternatives
+from hydro_twin.inference.trace import evidence
 from hydro_twin.model import Model, place
 from hydro_twin.plants import plant_named
+from hydro_twin.recording.series import Recording, Series
 
 PLANT, T, NOISE = plant_named('rotary_axis'), 0.004, 1e-4
 RIPPLE = {'cosine': 0.5, 'sine': 0.2, 'periods': 6.0}
@@ -94,3 +101,37 @@ def test_friction_where_a_linear_fit_to_long_runs_ends_without_inertia():
     assert best.effects[-1].named['coulomb'] == pytest.approx(0.7, rel=0.01)
     assert best.values['J'] == pytest.approx(2e-4, rel=0.01)
     assert 'ripple' in [one.effects[-1].effect.id for one in others]
+
+
+def swung_over_the_top(seed):
+    """Swing a pendulum up and over, pushed along where it turns and back where it is fast."""
+    rng = np.random.default_rng(seed)
+    state, theta, torque = np.array([rng.uniform(-0.5, 0.5), 0.0]), [], []
+    for _ in range(900):
+        push = 1.5 if abs(state[1]) < 9.0 else -1.5
+        torque.append(push * np.sign(state[1] or 1.0) + 0.3 * rng.standard_normal())
+        theta.append(state[0])
+        state = solve_ivp(lambda _, y, u=torque[-1]: (
+            y[1], (u - 0.02 * y[1] - 3.5 * np.sin(y[0])) / 0.18), (0.0, 0.005), state,
+            rtol=1e-8, atol=1e-10).y[:, -1]
+    measured = np.array(theta) + 1e-3 * rng.standard_normal(len(theta))
+    return Series({'torque': np.array(torque), 'theta': measured}, 0.005, start=10**11 * seed)
+
+
+@pytest.mark.slow
+def test_the_horizon_is_as_long_as_a_pendulum_can_be_followed():
+    """Near the top it falls to either side: no run follows over 10 s, under the right laws."""
+    recording = Recording(tuple(swung_over_the_top(seed) for seed in range(4)))
+    found = evidence(recording, None, PLANT)
+    assert found.plant.horizon < 2.5
+    (gravity,) = found.final.candidate.effects
+    assert gravity.effect.id == 'ripple'
+    assert gravity.named['periods'] == pytest.approx(1.0, rel=0.01)
+    assert gravity.named['sine'] == pytest.approx(-3.5, rel=0.03)
+    assert found.after.error < 1.1e-3
+
+
+def test_the_horizon_is_not_shortened_where_a_linear_model_follows():
+    parts = [Part(part.inputs, part.measured) for part in cogging()]
+    base = fit_linear(PLANT, parts, {}, T)
+    assert shorter_horizon(base, parts, (0.0, 1.0), lambda _: None) is None

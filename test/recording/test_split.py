@@ -1,4 +1,4 @@
-"""What is held out of a recording: a third of every series, or every third series."""
+"""What is held out: a third of every series, or every third series, or every third window."""
 from __future__ import annotations
 
 import numpy as np
@@ -10,6 +10,7 @@ from hydro_twin.recording.series import (
     Series,
     split,
     split_by_series,
+    split_by_windows,
 )
 
 
@@ -26,6 +27,17 @@ def test_every_third_series_is_held_out_whole():
     train, test = split_by_series(Recording(series))
     assert [s['x'][0] for s in train.series] == [0, 2, 3, 5, 6]
     assert [s['x'][0] for s in test.series] == [1, 4]
+
+
+@pytest.mark.parametrize('samples', [90, 1000, 2040])
+def test_every_third_window_is_held_out(samples):
+    series = Series({'x': np.arange(float(samples))}, 0.01)
+    train, test = split_by_windows(Recording((series,)), 1.0)
+    assert [round(s['x'][0], -2) for s in test.series] == list(range(100, samples, 300))
+    assert all(abs(len(s) - 100) <= 3 for s in test.series)
+    pieces = sorted((*train.series, *test.series), key=lambda s: s.offset)
+    assert np.array_equal(np.concatenate([s['x'] for s in pieces]), series['x'])
+    assert all(s.offset == s['x'][0] and s.whole is series for s in pieces)
 
 
 def test_a_first_third_that_only_rises_does_not_move_like_the_rest():

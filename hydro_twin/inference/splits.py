@@ -1,0 +1,47 @@
+"""Which part of a recording is held out: one that moves as the rest does."""
+from __future__ import annotations
+
+from hydro_twin.fitting.parts import least_samples
+from hydro_twin.plants import Plant
+from hydro_twin.recording.series import (
+    moves_alike,
+    Recording,
+    split,
+    split_by_series,
+    split_by_windows,
+)
+from hydro_twin.result import SERIES, SIXTH, THIRD, WINDOWS
+
+Split = tuple[Recording, Recording]         # train, test
+
+
+def held_out_split(recording: Recording, plant: Plant) -> tuple[Split, int]:
+    """Hold out the first third of every series, unless it moves otherwise than the rest.
+
+    As of a cylinder that extends there and retracts in the rest, or an axis that stands: neither
+    part can say of the other whether its laws are right. Then every third series is held out, or
+    every third window, if these do move as the rest. Only where the plant integrates, so that
+    windows are fitted anyway.
+
+    Returns:
+        The split, and which it is, see `TraceResult.tested`.
+    """
+    first = split(recording)
+    if not plant.integrates:
+        return first, THIRD
+    for tried, tested in ((first, THIRD), (split_by_series(recording), SERIES),
+                          (split_by_windows(recording, plant.horizon), WINDOWS)):
+        if _moves_alike(tried, plant):
+            return tried, tested
+    return first, THIRD
+
+
+def second_split(recording: Recording, plant: Plant) -> Split | None:
+    """Hold out the second sixth of every series instead; None where that is too short."""
+    too_short = all(len(series) < SIXTH * least_samples(plant, series.sample_time)
+                    for series in recording.series)
+    return None if too_short else split(recording, SIXTH, 1)
+
+
+def _moves_alike(parts: Split, plant: Plant) -> bool:
+    return bool(parts[1].series) and moves_alike(*parts, plant.output.name, plant.start_up)
