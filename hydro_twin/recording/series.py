@@ -3,6 +3,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+import math
 
 import numpy as np
 
@@ -138,11 +139,11 @@ def split_by_windows(recording: Recording, length: float) -> tuple[Recording, Re
 
     Args:
         recording: what is split.
-        length: of a window [s], about.
+        length: of a window [s], at most.
     """
     train, test = [], []
     for s in recording.series:
-        windows = max(round(len(s) * s.sample_time / length), 1)
+        windows = max(math.ceil(len(s) * s.sample_time / length - 1e-9), 1)
         edges = [len(s) * k // windows for k in range(windows + 1)]
         held_out = list(zip(edges[1::3], edges[2::3], strict=False))
         test += [_cut(s, begin, end) for begin, end in held_out]

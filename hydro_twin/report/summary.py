@@ -32,7 +32,7 @@ TESTED = {
     SIXTH: 'the second sixth of every series, which was not fitted; the first was, since more '
            'happens in the first third than in the rest',
     SERIES: f'every third series, whole, {OTHERWISE}',
-    WINDOWS: f'every third window of about 10 s, {OTHERWISE}',
+    WINDOWS: f'every third window of at most 10 s, {OTHERWISE}',
 }
 
 
