@@ -23,7 +23,7 @@ from hydro_twin.progress import progress
 from hydro_twin.result import Factor
 
 DRAWS = 400
-QUANTILES = (0.05, 0.25, 0.5, 0.75, 0.95)
+QUANTILES = (0.01, 0.05, 0.25, 0.5, 0.75, 0.95)
 
 
 def moved(model: Model, factor: Factor, change: FloatArray) -> Model:

@@ -29,8 +29,9 @@ def held_out_split(recording: Recording, plant: Plant) -> tuple[Split, int]:
     first = split(recording)
     if not plant.integrates:
         return first, THIRD
+    windows = (split_by_windows(recording, plant.horizon / shorter) for shorter in (1, 2, 4))
     for tried, tested in ((first, THIRD), (split_by_series(recording), SERIES),
-                          (split_by_windows(recording, plant.horizon), WINDOWS)):
+                          *((tried, WINDOWS) for tried in windows)):
         if _moves_alike(tried, plant):
             return tried, tested
     return first, THIRD
