@@ -67,14 +67,14 @@ def shorter_horizon(base: Fit, parts: Sequence[Part], times: tuple[float, float]
     """Find how long a model with one more effect follows, where that is shorter than the windows.
 
     Args:
-        base: the model without effects, fitted to the parts.
+        base: the model, fitted to the parts.
         parts: windows of a plant that integrates.
         times: stamps [s] of the first and the last sample.
         progress: called with what is being done.
 
     Returns:
-        The time [s], and the model; None where the model without effects follows, or one with an
-        effect does over all of the windows or over none that is shorter.
+        The time [s], and that model; None where the model itself follows, or one with an effect
+        more does over all of the windows or over none that is shorter.
     """
     candidate = base.candidate
     if (not candidate.plant.integrates or _follows(base, parts) or not any(

@@ -44,21 +44,23 @@ def excerpt(parts: Sequence[Part], plant: Plant, sample_time: float, factor: int
     start_up = plant.start_samples(sample_time)
     least = least_samples(plant, factor * sample_time) * factor
     parts = [part for part in parts if len(part.measured) >= least]
+    stretch = min(STRETCH, max(round(plant.horizon / sample_time), least)
+                  ) if plant.integrates else STRETCH
     scored_at_all = sum(len(part.measured) - start_up for part in parts)
     if scored_at_all <= factor * ENOUGH:
         if not plant.integrates:
             return parts
         if scored_at_all <= ENOUGH:
             return horizon_windows(parts, plant, sample_time)
-        return [window for part in parts for window in windows(part, STRETCH, least, sample_time)]
-    enough, scored = factor * ENOUGH, STRETCH - factor * plant.start_samples(factor * sample_time)
+        return [window for part in parts for window in windows(part, stretch, least, sample_time)]
+    enough, scored = factor * ENOUGH, stretch - factor * plant.start_samples(factor * sample_time)
     total = sum(len(part.measured) for part in parts)
     rng = np.random.default_rng(0)
     cut = []
     for part in parts:
         n = len(part.measured)
-        count = max(1, min(round(enough / scored * n / total), int(FILLED * n / STRETCH)))
-        length = min(STRETCH, n)
+        count = max(1, min(round(enough / scored * n / total), int(FILLED * n / stretch)))
+        length = min(stretch, n)
         for k in range(count):
             begin = int(n * k / count + rng.uniform() * (n / count - length))
             cut.append(part.cut(begin, begin + length, sample_time))

@@ -174,15 +174,15 @@ def _search(train: Recording, test: Recording, plant: Plant,
                             sample_time, seed).candidate
         before = search(linear, fine, LONG)
         refuse_reversed(before, fine)
-        shorter = None if known else shorter_horizon(
-            before, fine, _times([*whole, *held_out], sample_time), progress)
-        if shorter:
-            plant = replace(plant, horizon=shorter[0])
-            return _search(train, test, plant, constants, model, seed, progress,
-                           replace(shorter[1], plant=plant))
     else:
         before = search(resampled(replace(
             model, plant=plant, noise=None, record=Record()), sample_time), fine, 1)
+    shorter = None if known else shorter_horizon(
+        before, fine, _times([*whole, *held_out], sample_time), progress)
+    if shorter:
+        plant = replace(plant, horizon=shorter[0])
+        return _search(train, test, plant, constants, model, seed, progress,
+                       replace(shorter[1], plant=plant))
     data = _thinned(before, fine, whole, held_out, sample_time)
     base = before
     if data.factor > 1 or model is not None:
