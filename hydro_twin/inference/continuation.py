@@ -64,7 +64,7 @@ def from_short_windows(base: Fit, context: Context) -> list[Model]:
 
 def shorter_horizon(base: Fit, parts: Sequence[Part], times: tuple[float, float],
                     progress: Callable[[str], None]) -> tuple[float, Model] | None:
-    """Find how long a model with one more effect follows, where that is shorter than the windows.
+    """Find how long a model follows, with an effect more, where that is shorter than the windows.
 
     Args:
         base: the model, fitted to the parts.
@@ -74,11 +74,11 @@ def shorter_horizon(base: Fit, parts: Sequence[Part], times: tuple[float, float]
 
     Returns:
         The time [s], and that model; None where the model itself follows, or one with an effect
-        more does over all of the windows or over none that is shorter.
+        more does over all of the windows, or none does over shorter ones.
     """
     candidate = base.candidate
-    if (not candidate.plant.integrates or _follows(base, parts) or not any(
-            effect.periodic for effect, _ in places(candidate.plant, candidate.effects))):
+    if (not candidate.plant.integrates or _follows(base, parts)
+            or not any(effect.periodic for effect, _ in places(candidate.plant, ()))):
         return None
     progress('looking for a horizon')
     least = least_samples(candidate.plant, candidate.sample_time)
@@ -94,9 +94,9 @@ def shorter_horizon(base: Fit, parts: Sequence[Part], times: tuple[float, float]
         short = cut(length)
         fit = search(candidate, short, LONG)
     found = fit_alternatives(fit, short, times, LATER, True, progress)
-    if not found or not _follows(found[0].fit, short):
+    best = min([fit, *(one.fit for one in found[:1])], key=lambda one: one.error)
+    if not _follows(best, short):
         return None
-    best = found[0].fit
     while length < longest:
         twice = cut(2 * length)
         longer = search(best.candidate, twice, LONG)
