@@ -26,6 +26,7 @@ from hydro_twin.recording.series import Recording
 AT_END = 0.05           # share of the travel at either end that counts as the end
 LEAST = 10              # samples between them that say how it moves
 STANDS = 0.5            # least share at the ends from which a recording mostly stands there
+HORIZON = 10.0          # [s], longest window: some strokes of a cylinder, few of a slow one
 OF_START = 1.2          # free run over horizon, errors beyond which the difference is no chance
 
 
@@ -37,7 +38,7 @@ def windows(part: Part, longest: int, least: int, sample_time: float) -> list[Pa
 
 
 def horizon_windows(parts: Sequence[Part], plant: Plant, sample_time: float) -> list[Part]:
-    """Cut parts into windows of the plant's horizon, or of the fewest samples that are scored.
+    """Cut parts into windows of at most `HORIZON`, unless one that short could not be scored.
 
     Args:
         parts: each of `least_samples` or more.
@@ -45,7 +46,7 @@ def horizon_windows(parts: Sequence[Part], plant: Plant, sample_time: float) -> 
         sample_time: of the parts [s].
     """
     least = least_samples(plant, sample_time)
-    longest = max(round(plant.horizon / sample_time), least)
+    longest = max(round(min(HORIZON, plant.horizon) / sample_time), least)
     return [window for part in parts for window in windows(part, longest, least, sample_time)]
 
 

@@ -44,8 +44,7 @@ def excerpt(parts: Sequence[Part], plant: Plant, sample_time: float, factor: int
     start_up = plant.start_samples(sample_time)
     least = least_samples(plant, factor * sample_time) * factor
     parts = [part for part in parts if len(part.measured) >= least]
-    stretch = min(STRETCH, max(round(plant.horizon / sample_time), least)
-                  ) if plant.integrates else STRETCH
+    stretch = round(min(STRETCH, max(plant.horizon / sample_time, least)))
     scored_at_all = sum(len(part.measured) - start_up for part in parts)
     if scored_at_all <= factor * ENOUGH:
         if not plant.integrates:

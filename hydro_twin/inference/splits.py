@@ -1,6 +1,7 @@
 """Which part of a recording is held out: one that moves as the rest does."""
 from __future__ import annotations
 
+from hydro_twin.fitting.horizon import HORIZON
 from hydro_twin.fitting.parts import least_samples
 from hydro_twin.plants import Plant
 from hydro_twin.recording.series import (
@@ -29,7 +30,7 @@ def held_out_split(recording: Recording, plant: Plant) -> tuple[Split, int]:
     first = split(recording)
     if not plant.integrates:
         return first, THIRD
-    windows = (split_by_windows(recording, plant.horizon / shorter) for shorter in (1, 2, 4))
+    windows = (split_by_windows(recording, HORIZON / shorter) for shorter in (1, 2, 4))
     for tried, tested in ((first, THIRD), (split_by_series(recording), SERIES),
                           *((tried, WINDOWS) for tried in windows)):
         if _moves_alike(tried, plant):

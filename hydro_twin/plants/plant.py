@@ -3,6 +3,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, fields, replace
+import math
 from typing import Any
 
 import numpy as np
@@ -146,8 +147,8 @@ class Plant:
             output they give the state at which a run starts.
         start_up: time [s] at the start of a series in which the measured output shows the state at
             the start, and a run from rest forgets most of it. Not scored in a free run.
-        horizon: longest time [s] over which a run is fitted and judged where the plant integrates:
-            some strokes of a cylinder, few of a slow one.
+        horizon: longest time [s] for which a run can follow: less than for ever near an unstable
+            equilibrium, which a recording shows.
         output_range: least and largest output that there physically is, where that is bounded.
         output_scale: a typical large output, by which networks scale theirs.
         closed_form: the coefficients of the difference equation, eq. 1 of [B19], where there are
@@ -172,7 +173,7 @@ class Plant:
     output_scale: float = 1.0
     closed_form: ClosedForm | None = None
     finest: float = 0.0
-    horizon: float = 10.0
+    horizon: float = math.inf
     output_range: tuple[float, float] | None = None
     sensors: tuple[Signal, ...] = ()
 
