@@ -9,36 +9,20 @@ those of the draws, then the recording that was fitted does not say which of the
 from __future__ import annotations
 
 import argparse
-from dataclasses import replace
 import math
 
 import numpy as np
 
 import hydro_twin as ht
-from hydro_twin.arrays import FloatArray
 from hydro_twin.errors import UserError
+from hydro_twin.fitting.unknowns import get, put
+from hydro_twin.inference.search import searched
 from hydro_twin.model import Model
 from hydro_twin.predictors.scores import errors_in
 from hydro_twin.progress import progress
-from hydro_twin.result import Factor
 
 DRAWS = 400
 QUANTILES = (0.01, 0.05, 0.25, 0.5, 0.75, 0.95)
-
-
-def moved(model: Model, factor: Factor, change: FloatArray) -> Model:
-    """Add a change to the parameters that the factor names."""
-    values, effects = dict(model.values), list(model.effects)
-    for (name, index), added in zip(factor.names, change, strict=True):
-        if index is None:
-            values[name] += added
-        else:
-            placed = effects[index]
-            at = [parameter.name for parameter in placed.effect.parameters].index(name)
-            changed = placed.values[at] + added
-            effects[index] = replace(placed, values=(*placed.values[:at], changed,
-                                                     *placed.values[at + 1:]))
-    return replace(model, values=values, effects=tuple(effects))
 
 
 def main() -> None:
@@ -51,21 +35,30 @@ def main() -> None:
     parser.add_argument('--config')
     args = parser.parse_args()
     data = ht.read(args.bag, args.plant, test=args.test, config=args.config)
+    test = data.test
+    assert test is not None
     traced = ht.trace(data, show=progress).result
     model, factor = traced.after, traced.factor
-    test = {'test': data.test or data.recording}
+    by_name = {(unknown.name, unknown.owner): unknown for unknown in searched(model)}
+    unknowns = [by_name[name, '' if index is None else str(index)]
+                for name, index in factor.names]
+    fitted = np.array([get(model, unknown) for unknown in unknowns])
     root = np.linalg.pinv(factor.R)         # covariance = root root'
     rng = np.random.default_rng(0)
+
+    def free_run_error(drawn: Model) -> float:
+        return errors_in(drawn.predictor(), {'test': test}, 'free_run')['test']
+
     errors = []
     for _ in range(DRAWS):
-        change = root @ rng.standard_normal(len(factor.R))
+        drawn = put(model, unknowns, fitted + root @ rng.standard_normal(len(factor.R)))
         try:
-            error = errors_in(moved(model, factor, change).predictor(), test, 'free_run')['test']
+            error = free_run_error(drawn)
         except UserError:
             error = math.nan
         errors.append(error)
     unit = traced.plant.output.unit
-    print(f'as fitted: {errors_in(model.predictor(), test, "free_run")["test"]:.4g} {unit}')
+    print(f'as fitted: {free_run_error(model):.4g} {unit}')
     print(f'of {DRAWS} draws {np.isnan(errors).sum()} do not run; quantiles of the others:')
     for share, value in zip(QUANTILES, np.nanquantile(errors, QUANTILES), strict=True):
         print(f'  {share:.2f}: {value:.4g} {unit}')

@@ -30,8 +30,8 @@ def initial_states(model: Model, parts: Sequence[Part], near: InitialStates | No
         first: the first samples, if they are at hand.
     """
     system = model.system
-    # From near states no search crosses friction or a stop. Elsewhere a state on the wrong side
-    # is forgotten, but a plant that integrates keeps it for good.
+    # From near states no search crosses friction or a stop. A state on the wrong side of these is
+    # forgotten, unless the plant integrates.
     lead_on = not (model.plant.integrates
                    and any(placed.effect.implicit for placed in model.effects))
     if first is None:

@@ -28,13 +28,13 @@ def held_out_split(recording: Recording, plant: Plant) -> tuple[Split, int]:
         The split, and which it is, see `TraceResult.tested`.
     """
     first = split(recording)
-    if not plant.integrates:
+    if not plant.integrates or _moves_alike(first, plant):
         return first, THIRD
-    windows = (split_by_windows(recording, HORIZON / shorter) for shorter in (1, 2, 4))
-    for tried, tested in ((first, THIRD), (split_by_series(recording), SERIES),
-                          *((tried, WINDOWS) for tried in windows)):
-        if _moves_alike(tried, plant):
-            return tried, tested
+    if _moves_alike(by_series := split_by_series(recording), plant):
+        return by_series, SERIES
+    for shorter in (1, 2, 4):
+        if _moves_alike(by_windows := split_by_windows(recording, HORIZON / shorter), plant):
+            return by_windows, WINDOWS
     return first, THIRD
 
 

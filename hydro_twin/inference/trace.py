@@ -96,8 +96,10 @@ def evidence(recording: Recording, test: Recording | None, plant: Plant,
         return _search(recording, test, plant, constants, model, seed, progress)
     parts, tested = held_out_split(recording, plant)
     found = replace(_search(*parts, plant, constants, model, seed, progress), tested=tested)
+    if tested != THIRD or not found.is_larger_held_out:
+        return found
     second = second_split(recording, plant)
-    if tested != THIRD or second is None or not found.is_larger_held_out:
+    if second is None:
         return found
     again = _search(*second, found.plant, constants, model, seed, progress, found.after.candidate)
     return replace(again, tested=SIXTH) if again.additions >= found.additions else found

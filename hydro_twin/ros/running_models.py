@@ -56,7 +56,7 @@ class RunningModels:
         """Tell of exchanges on the topics of a node, and in its log."""
         self._announcer, self._logger = announcer, logger
         self._settings: Settings | None = None
-        self._waiting: deque[Twin] = deque()      # loaded, to take over at the next message
+        self.waiting: deque[Twin] = deque()       # loaded, to take over at the next message
         self._asked: _Request | None = None       # the newest request
         self._refused: _Request | None = None     # the last that was refused
         self._lock = Lock()     # held while models take over, or are forgotten
@@ -96,7 +96,7 @@ class RunningModels:
         self._asked = self._refused = None
         with self._lock:
             self.diagnosis = None
-            self._waiting.clear()
+            self.waiting.clear()
 
     def file_changed(self) -> bool:
         """Say whether the file of the main model is another than the one that runs."""
@@ -125,16 +125,11 @@ class RunningModels:
 
     def swap_in(self, outlets: Sequence[Outlet]) -> None:
         """Let freshly loaded twins take over, between two samples."""
-        while self._waiting:
-            twin = self._waiting.popleft()
+        while self.waiting:
+            twin = self.waiting.popleft()
             for outlet in outlets:
                 if outlet.twin.name == twin.name:
                     outlet.exchange(twin)
-
-    @property
-    def waiting(self) -> bool:
-        """Whether any are to take over."""
-        return bool(self._waiting)
 
     def _reload(self, asked: _Request) -> None:
         """Load what has changed to take over from what runs, or leave that running."""
@@ -157,7 +152,7 @@ class RunningModels:
             if self.diagnosis is not diagnosis:
                 return   # cleaned up while it was loaded, which takes seconds
             self._settings = settings
-            self._waiting.extend(twins)
+            self.waiting.extend(twins)
             diagnosis.replace(twins)
         self._announcer.info(diagnosis.twins)
         self._announcer.event('swapped', model=str(settings.main.path), mode=twins[0].mode)
