@@ -9,9 +9,11 @@ import numpy as np
 from hydro_twin.fitting.coloured import with_coloured_noise
 from hydro_twin.fitting.fit import Fit
 from hydro_twin.fitting.parts import Part
-from hydro_twin.fitting.unknowns import label
+from hydro_twin.fitting.problem import Problem, solve_all
+from hydro_twin.fitting.unknowns import get, label, put, Unknown
+from hydro_twin.inference.criterion import CLEARLY, delta_bic
 from hydro_twin.inference.findings import other_findings, Selection
-from hydro_twin.inference.search import LONG, search
+from hydro_twin.inference.search import LONG, search, TOLERANCE
 
 WIDEST = 0.5            # relative standard error up to which a size differs from none at all: a
 #                         fall to zero is two standard errors
@@ -34,7 +36,7 @@ def without_undetermined(selection: Selection, base: Fit, parts: Sequence[Part])
     """
     selection = replace(selection, fit=with_coloured_noise(selection.fit, parts))
     for k, found in enumerate(selection.findings):
-        if not is_determined(selection.fit, found.index):
+        if not is_determined(selection.fit, found.index, parts):
             others = other_findings(selection, k)
             without = base if not others else search(
                 selection.fit.candidate.without(found.index), parts, LONG)
@@ -42,16 +44,27 @@ def without_undetermined(selection: Selection, base: Fit, parts: Sequence[Part])
     return selection
 
 
-def is_determined(fit: Fit, index: int) -> bool:
+def is_determined(fit: Fit, index: int, parts: Sequence[Part]) -> bool:
     """Whether the data determine any size of an effect, if that has a state of its own.
 
-    What they determine only together with a parameter of the plant is determined.
+    What they determine only together with a parameter of the plant is determined. Where the
+    standard error is wide, a profile decides: the model may depart from what its derivatives
+    promise, as where a delay stands beside an inertia that may be small.
     """
     effect = fit.candidate.effects[index].effect
     if not (effect.memory or effect.dynamic):
         return True
     known = fit.identifiability()
     errors = dict(zip(known.coordinates, np.sqrt(np.diag(known.covariance)), strict=True))
-    sizes = [errors.get(label(unknown), np.inf) for unknown in fit.unknowns
-             if unknown.owner == str(index) and unknown.log]
-    return not sizes or min(sizes) < WIDEST
+    sizes = [unknown for unknown in fit.unknowns if unknown.owner == str(index) and unknown.log]
+    return not sizes or any(errors.get(label(size), np.inf) < WIDEST
+                            or _is_half_worse(fit, size, parts) for size in sizes)
+
+
+def _is_half_worse(fit: Fit, size: Unknown, parts: Sequence[Part]) -> bool:
+    """Whether half the size fits clearly worse, with all other unknowns fitted to it."""
+    half = put(fit.candidate, [size], [0.5 * get(fit.candidate, size)])
+    others = [unknown for unknown in fit.unknowns if unknown is not size]
+    (held,) = solve_all([Problem(half, others, parts)], LONG, TOLERANCE)
+    whole, then = delta_bic([fit, held])
+    return then > whole + CLEARLY

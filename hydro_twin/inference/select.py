@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from itertools import islice, takewhile
+from itertools import islice
 import math
 
 import numpy as np
@@ -166,12 +166,29 @@ def successive_halving(candidates: Sequence[Model], parts: Sequence[Part],
               for rank, fits in enumerate(ranked)]
     two = [fits[:count] for fits, count in zip(ranked, starts, strict=True) if count]
     short = search_all([fit.candidate for fits in two for fit in fits], parts, RACING)
-    better = best_first([best_first(list(islice(short, len(fits))))[0] for fits in two])
+    kept, left = leading(best_first([best_first(list(islice(short, len(fits))))[0]
+                                     for fits in two]))
     substeps = max((candidate.substeps for candidate in candidates), default=SUBSTEPS)
-    further = search_all([replace(fit.candidate, substeps=substeps) for fit in better[:KEPT]],
+    further = search_all([replace(fit.candidate, substeps=substeps) for fit in kept],
                          parts, SHORT - RACING)
-    return best_first([*further, *better[KEPT:], *(
+    return best_first([*further, *left, *(
         fits[0] for fits, count in zip(ranked, starts, strict=True) if not count)])
+
+
+def leading(ranked: Sequence[Fit]) -> tuple[list[Fit], list[Fit]]:
+    """Divide fits into those that go on, the first KEPT, and the others; both in their order.
+
+    A lag, a mode and a delay differ little until they are fitted to convergence, and hardly by
+    their port. So with the first of them the others go on, each at its best port.
+    """
+    effects = [fit.candidate.effects[-1].effect for fit in ranked]
+    first = {effect.id: rank for rank, effect in reversed([*enumerate(effects)])}
+    dynamic = {rank for rank in first.values() if effects[rank].dynamic}
+    kept = [rank for rank, effect in enumerate(effects)
+            if rank in dynamic or not effect.dynamic][:KEPT]
+    if dynamic.intersection(kept):
+        kept = sorted(dynamic.union(kept))
+    return [ranked[k] for k in kept], [fit for k, fit in enumerate(ranked) if k not in kept]
 
 
 def nothing_shows(base: Fit, scored: Sequence[ScoredEffect], hiding: Sequence[Model],
@@ -205,7 +222,8 @@ def fit_to_convergence(base: Fit, ranked: Sequence[Fit], parts: Sequence[Part],
         most_error: what leaves more after the race stays as it is.
     """
     most_error = min(most_error, HOPELESS * ranked[0].error)
-    kept = list(takewhile(lambda fit: fit.error <= most_error, ranked[:KEPT]))
+    kept, left = leading([fit for fit in ranked if fit.error <= most_error])
+    left += [fit for fit in ranked if fit.error > most_error]
     longer = list(search_all([fit.candidate for fit in kept], parts, LONG))
     near = WITHIN * min((fit.error for fit in longer), default=0.0)
     close = [fit for fit in longer if fit.error <= near]
@@ -217,7 +235,7 @@ def fit_to_convergence(base: Fit, ranked: Sequence[Fit], parts: Sequence[Part],
         moved = relocated(best.candidate, parts)
         moved += [replace(base.candidate, effects=there.effects) for there in moved]
         done += search_all(moved, parts, LONG)
-    fits = [fit for fit in best_at_each_place([*done, *ranked[len(kept):]])
+    fits = [fit for fit in best_at_each_place([*done, *left])
             if is_distinguishable(fit, parts)]
     if fits and _drifts(fits[0]) and not _is_drift_preferred(fits[0], parts):
         fits = [fit for fit in fits if not _drifts(fit)]

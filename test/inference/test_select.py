@@ -12,7 +12,7 @@ from hydro_twin.fitting.parts import Part
 from hydro_twin.fitting.port_signals import simulate_port_signals
 from hydro_twin.inference.refinement import refine
 from hydro_twin.inference.search import search, search_sticking, unsearched
-from hydro_twin.inference.select import fit_alternatives
+from hydro_twin.inference.select import fit_alternatives, KEPT, leading
 from hydro_twin.inference.starts import relocated
 from hydro_twin.inference.stepwise import best_interpolation
 from hydro_twin.model import Model, place
@@ -183,3 +183,21 @@ def test_a_plant_that_integrates_is_not_searched_by_homotopy(monkeypatch):
     part = Part(inputs, model.system.run(inputs, np.zeros(2)) + np.cos(0.2 * np.arange(500.0)))
     fit = unsearched(model, [part])
     assert search_sticking(fit, [part]) is fit
+
+
+def test_with_the_first_of_delay_lag_and_mode_the_others_go_on_each_at_its_best_port():
+    alone, parts, _ = fitted(record(BIAS, duration=1.0))
+    mode, lag = {'natural_frequency': 50.0, 'damping_ratio': 0.5}, {'time_constant': 0.01}
+    ranked = [unsearched(replace(alone.candidate, effects=(place(*effect, PLANT),)), parts)
+              for effect in (('mode', 'command', mode), ('mode', 'sensor', mode),
+                             ('lag', 'sensor', lag), ('lag', 'command', lag), BIAS,
+                             ('bias', 'sensor', {'offset': 1.0}),
+                             ('bias', 'command', {'offset': 1.0}),
+                             ('delay', 'command', {'time': 0.01}))]
+    kept, left = leading(ranked)
+    order = {id(fit): k for k, fit in enumerate(ranked)}
+    assert KEPT == 4
+    assert [order[id(fit)] for fit in kept] == [0, 2, 4, 5, 7]
+    assert [order[id(fit)] for fit in left] == [1, 3, 6]
+    kept, left = leading(ranked[4:7])
+    assert (len(kept), left) == (3, [])
