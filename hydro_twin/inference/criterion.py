@@ -5,7 +5,7 @@ from collections.abc import Sequence
 import math
 
 import numpy as np
-from scipy import stats
+from scipy.special import chdtrc
 
 from hydro_twin.arrays import FloatArray
 from hydro_twin.fitting.autoregression import (
@@ -72,8 +72,7 @@ def gain_p_value(before: Fit, after: Fit, tried: int) -> float:
     detects one that is masked by a slow error of another cause, such as an offset.
     """
     added = max(1, len(after.unknowns) - len(before.unknowns))
-    log_p = float(stats.chi2.logsf(max(_gain(before, after), 0.0), added)) + math.log(2 * tried)
-    return min(1.0, math.exp(max(log_p, -700.0)))
+    return min(1.0, 2 * tried * float(chdtrc(added, max(_gain(before, after), 0.0))))
 
 
 def refinement_gain(simple: Fit, refined: Fit) -> float:

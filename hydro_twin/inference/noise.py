@@ -5,7 +5,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from scipy import signal, stats
+from scipy import signal
+from scipy.special import chdtri, gammainccinv
 
 from hydro_twin.arrays import FloatArray
 from hydro_twin.predictors.scores import rms
@@ -48,7 +49,7 @@ def _median_bias(samples: int, segment: int) -> float:
     """Median over mean of a spectral estimate that averages this many half-covered segments."""
     segments = max(1, 2 * samples // segment - 1)
     freedom = 2.0 * max(1.0, segments * 9.0 / 11.0)         # Hann, half overlap [Welch 1967]
-    return float(stats.chi2.median(freedom) / freedom)
+    return float(chdtri(freedom, 0.5) / freedom)
 
 
 def lines(stretches: Sequence[FloatArray], sample_time: float) -> list[Line]:
@@ -73,7 +74,7 @@ def lines(stretches: Sequence[FloatArray], sample_time: float) -> list[Line]:
         ratio += spectrum / np.maximum(level, 1e-300)
         amplitude += 2.0 * np.sqrt(spectrum) / window.sum() / len(long)
     tests = n / 2 * len(long)
-    threshold = stats.gamma.isf(1e-3 / tests, len(long)) * 1.5
+    threshold = gammainccinv(len(long), 1e-3 / tests) * 1.5
     found: list[Line] = []
     reach = 4.0 / (min(len(r) for r in long) * sample_time)
     for k in np.argsort(ratio)[::-1]:

@@ -91,12 +91,16 @@ def best_start_of_each(models: Sequence[Model], parts: Sequence[Part]) -> list[M
 
 
 def relocated(candidate: Model, parts: Sequence[Part]) -> list[Model]:
-    """Move the last effect to each other port where it can sit, scaled to the signal there."""
+    """Move the last effect to each other port where it can sit, scaled to the signal there.
+
+    A lag of a command and one of a sensor are two laws of one name and the same parameters.
+    """
     *others, last = candidate.effects
     reach = spans(candidate, parts)
     moved = []
     for effect, port in places(candidate.plant, others, last.effect.course is not None):
-        if effect is last.effect and port != last.port:
+        same = effect.id == last.effect.id and effect.parameters == last.effect.parameters
+        if same and port != last.port:
             ratio = reach[port].value / reach[last.port].value
             values = tuple(v * ratio if p.unit == 'value' else v
                            for p, v in zip(effect.parameters, last.values, strict=True))

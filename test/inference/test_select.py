@@ -201,3 +201,11 @@ def test_with_the_first_of_delay_lag_and_mode_the_others_go_on_each_at_its_best_
     assert [order[id(fit)] for fit in left] == [1, 3, 6]
     kept, left = leading(ranked[4:7])
     assert (len(kept), left) == (3, [])
+
+
+def test_a_lag_of_the_command_may_be_one_of_the_sensor_which_has_a_law_of_its_own():
+    alone, parts, _ = fitted(record(BIAS, duration=1.0))
+    of_command = place('lag', 'command', {'time_constant': 0.01}, PLANT)
+    (moved,) = relocated(replace(alone.candidate, effects=(of_command,)), parts)
+    assert moved.effects == (place('lag', 'sensor', {'time_constant': 0.01}, PLANT),)
+    assert moved.effects[0].effect is not of_command.effect
