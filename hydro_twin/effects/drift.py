@@ -6,7 +6,8 @@ import math
 from hydro_twin.effects.effect import Course, Effect, EffectParameter, Span, Starts
 from hydro_twin.plants.plant import PARAMETER
 
-LEAST = 0.05            # of the last value: no parameter comes near zero, or changes its sign
+LEAST = 0.2             # of the last value, and its inverse the most: oil of class VG 46 that warms
+#                         from 20 to 50 degrees C is a third as viscous [DIN 51563]
 IDLE = (0.33, 0.6)      # shares of the recording before a drift begins, to start a search at
 SETTLES = (0.5, 0.2)    # and time constants, in shares of the recording
 STRAIGHT = 1e-12        # of a time constant: shorter, a lag is a straight line to rounding
@@ -16,7 +17,7 @@ Values = tuple[float, ...]
 
 
 def factor(values: Values, time: float) -> float:
-    """Return the value at a stamp [s] over the last one, at least `LEAST`.
+    """Return the value at a stamp [s] over the last one, between `LEAST` and its inverse.
 
     From b = begin + idle to e = end it goes as 1 - rate (e - b) w, where w falls from 1 to 0 in a
     straight line, or with a time constant as a first-order lag settles.
@@ -32,7 +33,16 @@ def factor(values: Values, time: float) -> float:
     else:
         left = (math.exp(-passed / time_constant) * math.expm1((passed - spread) / time_constant)
                 / math.expm1(-spread / time_constant))
-    return max(1.0 - rate * spread * left, LEAST)
+    return min(max(1.0 - rate * spread * left, LEAST), 1.0 / LEAST)
+
+
+def is_slow(values: Values) -> bool:
+    """Whether the parameter stays between `LEAST` and its inverse by itself.
+
+    What changes it more acts where the recording begins or ends, and not with time: a dead zone
+    that only the first steps are within.
+    """
+    return LEAST < factor(values, values[3]) < 1.0 / LEAST
 
 
 def slopes(values: Values, time: float) -> Values:

@@ -66,9 +66,9 @@ class Characteristic:
 
     @property
     def power(self) -> float:
-        """Sum of squares of what the curve adds."""
-        bend = self.passed - self.signal
-        return float(bend @ bend)
+        """Sum of squares of what the curve bends: what no gain of the plant would draw."""
+        residual = _residual(self, (), ())
+        return float(residual @ residual)
 
 
 @dataclass(frozen=True)
@@ -136,8 +136,9 @@ def _along(candidate: Model, index: int, parts: Sequence[Part]
            ) -> tuple[Characteristic, list[Site]]:
     """Find what a curve or static law passes, and the static laws on the way of its signal.
 
-    A port is on the way where what reaches it goes with the signal but for a constant factor. Of
-    the ports that a law may sit on, it is at the one that goes with it best.
+    A port is on the way where what reaches it goes with the signal, or with what is made of it, but
+    for a constant factor. Of the ports that a law may sit on, it is at the one that goes with it
+    best.
     """
     placed = candidate.effects[index]
     plant, start_up = candidate.plant, candidate.start_up
@@ -147,6 +148,7 @@ def _along(candidate: Model, index: int, parts: Sequence[Part]
     read = placed.effect.reads[0] if placed.effect.reads else 'value'
     signal, own = (np.concatenate([np.nan_to_num(one.signals[name][start_up:]) for one in at_port])
                    for name in (read, 'value'))
+    passed = own + np.concatenate([one.added[start_up:] for one in at_port])
     reaching[:, plant.ports.index(placed.port)] = own
     if not _alike(signal, own) > ALONG:
         return Characteristic(signal, signal), []
@@ -154,9 +156,10 @@ def _along(candidate: Model, index: int, parts: Sequence[Part]
     best: dict[str, tuple[float, Site]] = {}
     for effect, port in places(plant, candidate.effects):
         value = reaching[:, plant.ports.index(port)]
-        alike = _alike(signal, value) if is_static(effect) else 0.0
+        whole = max((signal, passed), key=lambda one: _alike(one, value))
+        alike = _alike(whole, value) if is_static(effect) else 0.0
         if alike > max(ALONG, best[effect.id][0] if effect.id in best else 0.0):
-            best[effect.id] = alike, Site(effect, port, _gain(signal, value), reach[port])
+            best[effect.id] = alike, Site(effect, port, _gain(whole, value), reach[port])
     sites = sorted((site for _, site in best.values()),
                    key=lambda site: plant.ports.index(site.port))
     share = np.linspace(0.0, 1.0, SAMPLES // 2)

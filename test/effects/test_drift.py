@@ -44,7 +44,8 @@ INF = math.inf
      1.0 - 0.6 * (math.exp(-1.0) - math.exp(-3.0)) / (1.0 - math.exp(-3.0))),
     ((0.1, 0.0, 1e7, BEGIN, END), 103.0, 0.7),          # a slow lag is a straight line
     ((0.1, 0.0, 1e20, BEGIN, END), 103.0, 0.7),         # however slow
-    ((10.0, 0.0, INF, BEGIN, END), 100.0, 0.05),        # it does not change its sign
+    ((10.0, 0.0, INF, BEGIN, END), 100.0, 0.2),         # it does not change its sign
+    ((-10.0, 0.0, INF, BEGIN, END), 100.0, 5.0),
 ])
 def test_law(law, time, expected):
     assert factor(law, time) == pytest.approx(expected, rel=1e-6)
