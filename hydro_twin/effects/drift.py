@@ -6,8 +6,8 @@ import math
 from hydro_twin.effects.effect import Course, Effect, EffectParameter, Span, Starts
 from hydro_twin.plants.plant import PARAMETER
 
-LEAST = 0.2             # of the last value, and its inverse the most: oil of class VG 46 that warms
-#                         from 20 to 50 degrees C is a third as viscous [DIN 51563]
+LEAST = 0.2             # of the last value, and its inverse the most: oil ISO VG 46 of viscosity
+#                         index 100 that warms from 20 to 50 degrees C is a quarter as viscous
 IDLE = (0.33, 0.6)      # shares of the recording before a drift begins, to start a search at
 SETTLES = (0.5, 0.2)    # and time constants, in shares of the recording
 STRAIGHT = 1e-12        # of a time constant: shorter, a lag is a straight line to rounding

@@ -136,9 +136,9 @@ def _along(candidate: Model, index: int, parts: Sequence[Part]
            ) -> tuple[Characteristic, list[Site]]:
     """Find what a curve or static law passes, and the static laws on the way of its signal.
 
-    A port is on the way where what reaches it goes with the signal, or with what is made of it, but
-    for a constant factor. Of the ports that a law may sit on, it is at the one that goes with it
-    best.
+    A port is on the way where what reaches it goes with the signal, or with what is made of it,
+    but for a constant factor. Of the ports that a law may sit on, it is at the one that goes with
+    it best.
     """
     placed = candidate.effects[index]
     plant, start_up = candidate.plant, candidate.start_up
