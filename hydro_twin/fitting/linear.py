@@ -68,6 +68,23 @@ def fit_linear(plant: Plant, parts: Sequence[Part], constants: Mapping[str, floa
                key=lambda fit: fit.cost)
 
 
+def beyond_the_box(fit: Fit, parts: Sequence[Part]) -> Fit:
+    """Go on within the physical ranges where a fit ended at an edge of the search box.
+
+    The box says where to begin. What the data determine outside it is the rig's; what they do not
+    stays near, see `Problem`.
+
+    Args:
+        fit: of the plant, see `fit_linear`.
+        parts: what it was fitted to.
+    """
+    if not fit.at_bound():
+        return fit
+    plant = fit.candidate.plant
+    (wider,) = solve_all([Problem(fit.candidate, plant_unknowns(plant, 'range'), parts)])
+    return wider
+
+
 def refuse_reversed(fit: Fit, parts: Sequence[Part]) -> None:
     """Refuse a recording in which the output moves against the command.
 

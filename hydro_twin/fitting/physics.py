@@ -10,7 +10,7 @@ from hydro_twin.fitting.coefficients import coefficients_of
 from hydro_twin.fitting.coloured import with_coloured_noise
 from hydro_twin.fitting.horizon import moving_windows
 from hydro_twin.fitting.identifiability import assess, Identifiability
-from hydro_twin.fitting.linear import fit_linear, refuse_reversed
+from hydro_twin.fitting.linear import beyond_the_box, fit_linear, refuse_reversed
 from hydro_twin.fitting.one_step import (
     at_bound,
     box,
@@ -138,6 +138,7 @@ def fit_free_run(task: Task) -> Physics:
         parts, left_out = moving_windows(parts, free, sample_time)
     fit = fit_linear(free, parts, {**task.constants, **task.held}, sample_time,
                      seed=task.seed, effects=task.effects)
+    fit = beyond_the_box(fit, parts)
     refuse_reversed(fit, parts)
     fit = with_coloured_noise(fit, parts)
     values = {p.name: fit.candidate.values[p.name] for p in free.parameters}

@@ -84,11 +84,14 @@ def plant_unknowns(plant: Plant, within: str) -> list[Unknown]:
 
     Args:
         plant: the plant.
-        within: 'box', all of them within the search box; or 'physical', within the physical
-            range, and of each combination that acts only together all but one left where they are.
+        within: 'box', all of them within the search box; 'range', all within the physical range;
+            or 'physical', within that, and of each combination that acts only together all but
+            one left where they are.
     """
     if within == 'box':
         return [Unknown(p.name, '', p.lower, p.upper, True) for p in plant.parameters]
+    if within == 'range':
+        return [Unknown(p.name, '', p.minimum, p.maximum, True) for p in plant.parameters]
     left = left_alone(plant)
     return [Unknown(p.name, '', p.minimum, p.maximum, True) for p in plant.parameters
             if p.name not in left]

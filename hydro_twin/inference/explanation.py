@@ -18,13 +18,15 @@ from hydro_twin.inference.beam import beam_search
 from hydro_twin.inference.context import Context
 from hydro_twin.inference.continuation import from_short_windows, with_rivals_of_short_windows
 from hydro_twin.inference.curve import FittedCurve
-from hydro_twin.inference.findings import Selection
+from hydro_twin.inference.findings import explained_share, other_findings, Selection
 from hydro_twin.inference.held_out import held_out_gain
+from hydro_twin.inference.noise import cannot_be_noise
 from hydro_twin.inference.search import LONG, search, search_sticking
 from hydro_twin.inference.select import Alternative, fit_alternatives
 from hydro_twin.inference.stepwise import (
     FINEST,
     is_discretisation_error,
+    NEARLY_ALL,
     select_forward,
     with_fine_steps,
     without_indistinct,
@@ -104,6 +106,7 @@ def _by_likelihood(base: Fit, selection: Selection, context: Context) -> Explana
     if wider is not again:
         again = _finalised(wider, there, white)
     context.progress('trying free curves')
+    again = _without_weak_dynamics(again, white, context)
     again, found, replaced = with_curve(again, there, white)
     last = again.fit if found is None else found.fit
     if _ids(last) == _ids(selection.fit):
@@ -122,6 +125,26 @@ def _by_likelihood(base: Fit, selection: Selection, context: Context) -> Explana
     # Innovations may be explained at the cost of the run, where no laws are exactly right.
     helps = held_out_gain(selection.fit, explained.fit, context.held_out, context.seed)
     return explained if helps.relative > 0.0 else None
+
+
+def _without_weak_dynamics(selection: Selection, white: Context, context: Context) -> Selection:
+    """Drop each delay, lag or mode that does not explain the run itself, see `NEARLY_ALL`.
+
+    Args:
+        selection: what was found by likelihood.
+        white: the whitened data.
+        context: the data as measured.
+    """
+    for k, found in enumerate(selection.findings):
+        if not selection.fit.candidate.effects[found.index].effect.dynamic:
+            continue
+        fit = search(selection.fit.candidate, context.parts, LONG)
+        (bare,) = context.without(fit, [found.index])
+        if cannot_be_noise(fit.by_part) and explained_share(bare, fit) < NEARLY_ALL:
+            (rest,) = white.without(selection.fit, [found.index])
+            return _without_weak_dynamics(
+                Selection(rest, other_findings(selection, k)), white, context)
+    return selection
 
 
 def _ids(fit: Fit) -> list[str]:

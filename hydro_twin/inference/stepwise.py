@@ -71,6 +71,9 @@ def select_forward(selection: Selection, alternatives: Sequence[Alternative], co
     Held-out data judge the whole model: beside a second effect that is still missing, the first
     may not improve them.
 
+    An effect beside which an earlier one is no longer distinguished from a simpler one, so that
+    the two leave more than the earlier one alone, is passed over.
+
     Args:
         selection: what has been found before.
         alternatives: of the first round, best first.
@@ -78,16 +81,17 @@ def select_forward(selection: Selection, alternatives: Sequence[Alternative], co
         refuted: ids of effects that are not to be added.
     """
     seen: set[frozenset[str]] = set()
+    spoils: set[str] = set()
     for _ in range(ROUNDS):
-        alternatives = [one for one in alternatives if one.id not in refuted]
+        alternatives = [one for one in alternatives
+                        if one.id not in refuted and one.id not in spoils]
         if not alternatives or effects_of(selection.fit.candidate) in seen:
             break
-        seen.add(effects_of(selection.fit.candidate))
         ranked = _memoryless_first(alternatives, selection.fit, context)
         first = ranked[0]
         fit = without_last(selection.fit, first.fit, context.parts)
         context.remember(fit)
-        selection = replace(selection, fit=fit)
+        before = selection = replace(selection, fit=fit)
         if not is_significant(fit, first.fit, LEAST_SHARE):
             break
         found = best_finding(fit, ranked)
@@ -100,6 +104,11 @@ def select_forward(selection: Selection, alternatives: Sequence[Alternative], co
         selection = exchange(Selection(better, (*selection.findings, found)), context)
         selection = refined(selection, selection.findings[:-1], context)
         selection = without_indistinct(selection, context)
+        if selection.fit.cost > before.fit.cost:
+            spoils.add(first.id)
+            selection = before
+            continue
+        seen.add(effects_of(before.fit.candidate))
         if (len(selection.findings) == MOST_EFFECTS
                 or is_discretisation_error(selection.fit, context.parts)):
             break

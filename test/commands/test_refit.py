@@ -124,19 +124,33 @@ def test_train_and_test_make_up_the_whole_bag(bag, tmp_path, capsys):
     assert replayed['free_run']['rmse'] == pytest.approx(pooled, rel=1e-9)
 
 
-def test_a_parameter_beyond_the_search_box_is_said_to_be_at_its_bound(tmp_path, capsys):
-    bag, out = tmp_path / 'bag', tmp_path / 'model.yaml'
-    main(['simulate', '--plant', 'cylinder', '-o', str(bag), '--duration', '3', '--set',
-          'tau=3', '--snr', '50'])
+@pytest.fixture
+def fast_cylinder(tmp_path, capsys):
+    """Record a cylinder five times as fast as the search box has it."""
+    main(['simulate', '--plant', 'cylinder', '-o', str(tmp_path / 'fast'), '--duration', '3',
+          '--set', 'K_v=50', '--snr', '80'])
     capsys.readouterr()
-    main(['refit', str(bag), '--plant', 'cylinder', '-o', str(out)])
-    assert 'tau ended at the upper bound' in ' '.join(capsys.readouterr().out.split())
-    _, result, _ = refit(capsys, bag, out, plant='cylinder')
-    assert result['parameters']['tau']['at_bound'] == 'upper'
-    assert 'tau' in result['at_bound']
+    assert next(p.upper for p in PLANTS['cylinder'].parameters if p.name == 'K_v') == 10.0
+    return tmp_path / 'fast'
+
+
+def test_a_parameter_beyond_the_search_box_is_found_there(fast_cylinder, tmp_path, capsys):
+    _, result, _ = refit(capsys, fast_cylinder, tmp_path / 'model.yaml', plant='cylinder')
+    assert result['parameters']['K_v']['value'] == pytest.approx(50.0, rel=0.01)
+    assert (result['at_bound'], result['parameters']['K_v']['at_bound']) == ([], None)
+
+
+def test_a_parameter_at_a_bound_of_its_search_is_said_to_be(fast_cylinder, tmp_path, capsys):
+    """The search of the one-step error stays in the box."""
+    out, one_step = tmp_path / 'model.yaml', ('--criterion', 'one_step')
+    main(['refit', str(fast_cylinder), '--plant', 'cylinder', '-o', str(out), *one_step])
+    assert 'K_v ended at the upper bound' in ' '.join(capsys.readouterr().out.split())
+    _, result, _ = refit(capsys, fast_cylinder, out, *one_step, plant='cylinder')
+    assert result['parameters']['K_v']['at_bound'] == 'upper'
+    assert 'K_v' in result['at_bound']
     model = read_model(out)
-    assert model.parameters['tau'].at_bound == 'upper'
-    assert any(note.startswith('tau ended') for note in model.record.notes)
+    assert model.parameters['K_v'].at_bound == 'upper'
+    assert any(note.startswith('K_v ended') for note in model.record.notes)
 
 
 def test_a_one_step_fit_of_noisy_outputs_has_no_standard_errors(tmp_path, capsys):
