@@ -26,6 +26,7 @@ from hydro_twin.inference.select import Alternative, fit_alternatives
 from hydro_twin.inference.stepwise import (
     FINEST,
     is_discretisation_error,
+    is_residual_structured,
     NEARLY_ALL,
     select_forward,
     with_fine_steps,
@@ -105,8 +106,8 @@ def _by_likelihood(base: Fit, selection: Selection, context: Context) -> Explana
     wider = beam_search(again, there, alternatives, white)
     if wider is not again:
         again = _finalised(wider, there, white)
-    context.progress('trying free curves')
     again = _without_weak_dynamics(again, white, context)
+    context.progress('trying free curves')
     again, found, replaced = with_curve(again, there, white)
     last = again.fit if found is None else found.fit
     if _ids(last) == _ids(selection.fit):
@@ -140,7 +141,8 @@ def _without_weak_dynamics(selection: Selection, white: Context, context: Contex
             continue
         fit = search(selection.fit.candidate, context.parts, LONG)
         (bare,) = context.without(fit, [found.index])
-        if cannot_be_noise(fit.by_part) and explained_share(bare, fit) < NEARLY_ALL:
+        if (explained_share(bare, fit) < NEARLY_ALL and cannot_be_noise(fit.by_part)
+                and is_residual_structured(replace(selection, fit=fit), context)):
             (rest,) = white.without(selection.fit, [found.index])
             return _without_weak_dynamics(
                 Selection(rest, other_findings(selection, k)), white, context)

@@ -61,7 +61,7 @@ AS_MUCH = 0.8           # share of a hysteretic law's gain from which a static o
 SURELY_PREDICTED = 1e-4     # p-value below which the port signals certainly predict it
 HELD_OUT = 1.2          # ratio of held-out to training error above which it is not chance
 RIVALS = 1.5            # error over that of the effect in place: what leaves more after ten
-#                         evaluations is no rival to it
+#                         evaluations is no rival to it, nor a way to a better model
 
 
 def select_forward(selection: Selection, alternatives: Sequence[Alternative], context: Context,
@@ -72,7 +72,7 @@ def select_forward(selection: Selection, alternatives: Sequence[Alternative], co
     may not improve them.
 
     An effect beside which an earlier one is no longer distinguished from a simpler one, so that
-    the two leave more than the earlier one alone, is passed over.
+    much more is left than before, is passed over. A little more may be the way to two others.
 
     Args:
         selection: what has been found before.
@@ -104,7 +104,7 @@ def select_forward(selection: Selection, alternatives: Sequence[Alternative], co
         selection = exchange(Selection(better, (*selection.findings, found)), context)
         selection = refined(selection, selection.findings[:-1], context)
         selection = without_indistinct(selection, context)
-        if selection.fit.cost > before.fit.cost:
+        if selection.fit.error > RIVALS * before.fit.error:
             spoils.add(first.id)
             selection = before
             continue
@@ -255,14 +255,11 @@ def without_unsupported(selection: Selection, without: Fit, context: Context) ->
         without: the fit without any of its effects.
         context: the data.
     """
-    if not selection.findings:
+    if not selection.findings or not is_residual_structured(selection, context):
         return selection
-    least = ENOUGH if is_residual_structured(selection, context) else 0.0
-    of_dynamics = NEARLY_ALL if cannot_be_noise(selection.fit.by_part) else least
-    needed = [of_dynamics if selection.fit.candidate.effects[k].effect.dynamic else least
+    of_dynamics = NEARLY_ALL if cannot_be_noise(selection.fit.by_part) else ENOUGH
+    needed = [of_dynamics if selection.fit.candidate.effects[k].effect.dynamic else ENOUGH
               for k in selection.indices]
-    if not any(needed):
-        return selection
     bare = context.without(selection.fit, selection.indices) if len(needed) > 1 else [without]
     spare = [explained_share(fit, selection.fit) - share
              for fit, share in zip(bare, needed, strict=True)]

@@ -76,20 +76,31 @@ def test_a_delay_that_leaves_more_than_noise_must_explain_nearly_all(coulomb, ke
     """The friction is in the rig and not in the model; either way most of the residual goes."""
     delay = ('delay', 'command', {'time': 0.02})
     recorded = record(delay, ('friction', 'motor', {'coulomb': coulomb}))
-    selection, alone, context = growing(recorded)(
-        delay)
+    selection, alone, context = growing(recorded)(delay)
     assert explained_share(alone, selection.fit) > 0.7
     assert cannot_be_noise(selection.fit.by_part) == (not kept)
     assert names(without_unsupported(selection, alone, context)) == kept
 
 
+def with_coloured_noise(clean, rms):
+    rng = np.random.default_rng(0)
+    return Recording(tuple(
+        replace(one, columns={**one.columns, 'T_g': one['T_g'] + lfilter(
+            [0.44], [1.0, -0.9], rms * rng.standard_normal(len(one)))}) for one in clean.series))
+
+
+def test_a_delay_beside_coloured_noise_need_not_explain_the_noise():
+    delay = ('delay', 'command', {'time': 0.02})
+    selection, alone, context = growing(with_coloured_noise(record(delay, noise=0.0), 3.0))(delay)
+    assert cannot_be_noise(selection.fit.by_part)
+    assert explained_share(alone, selection.fit) < 0.9
+    assert names(without_unsupported(selection, alone, context)) == ['delay']
+
+
 @pytest.mark.slow
 def test_what_coloured_noise_leaves_is_nothing_that_is_missing():
     """Far more than white noise, with which the bias would explain less than half."""
-    rng, clean = np.random.default_rng(0), record(FRICTION, BIAS, noise=0.0)
-    noisy = [replace(one, columns={**one.columns, 'T_g': one['T_g'] + lfilter(
-        [0.44], [1.0, -0.9], 3.0 * rng.standard_normal(len(one)))}) for one in clean.series]
-    make = growing(Recording(tuple(noisy)))
+    make = growing(with_coloured_noise(record(FRICTION, BIAS, noise=0.0), 3.0))
     selection, alone, context = make(FRICTION, BIAS)
     assert selection.fit.error > 2.0 * noise_floor(selection.fit.by_part)
     assert explained_share(make(FRICTION)[0].fit, selection.fit) < 0.5
