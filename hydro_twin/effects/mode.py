@@ -8,6 +8,7 @@ from hydro_twin.effects.effect import Effect, EffectParameter, Quantity, Span, S
 
 SMALL = 1e-3            # [rad] of a step, below which its ends describe it
 TURN = 2.0 * math.pi    # [rad]
+CRITICAL = 0.99         # damping ratio from which a mode is two equal lags
 
 
 @compiled
@@ -51,9 +52,9 @@ def starts(span: Span) -> Starts:
 
 
 def distinguishable(span: Span, values: tuple[float, ...]) -> bool:
-    """Separate a mode that a recording shows from one above half of its sampling rate."""
-    natural_frequency, _ = values
-    return natural_frequency * span.sample_time < 0.5
+    """Separate a mode from two equal lags, and from one above half of the sampling rate."""
+    natural_frequency, damping_ratio = values
+    return natural_frequency * span.sample_time < 0.5 and damping_ratio < CRITICAL
 
 
 EFFECT = Effect(

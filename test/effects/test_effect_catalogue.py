@@ -144,6 +144,14 @@ def test_dead_zone_is_told_from_a_bias_only_where_it_is_entered():
     assert shows((0.2, 1.0), (-1.0, 0.2))
 
 
+def test_a_mode_is_told_from_two_equal_lags_and_from_what_is_too_fast_to_be_sampled():
+    for mode in (effect for effect in EFFECTS if effect.id == 'mode'):
+        span = Span(((-1.0, 1.0),), {}, {}, (-1.0, 1.0), 0.002, 100)
+        assert mode.distinguishable(span, (30.0, 0.9))
+        assert not mode.distinguishable(span, (30.0, 1.0))
+        assert not mode.distinguishable(span, (251.0, 0.5))
+
+
 def test_hysteresis_is_told_from_an_offset_of_each_part_only_where_its_loop_is_crossed():
     hysteresis = next(effect for effect in EFFECTS if effect.id == 'hysteresis')
 
