@@ -26,6 +26,8 @@ SHORT, KEPT = 10, 2     # evaluations of the search from each start, and starts 
 LITTLE = 0.5            # mean square that a fit of the right sign leaves, over the movement's
 REVERSED = 0.2          # mean square that the right sign leaves, over that of the wrong one: half
 #                         and more if a controller acts against disturbances
+OUTSIDE = 0.99          # error over that within the box, from which parameters may leave it: less is
+#                         gained by those that the data hardly determine
 GIVEN = 4               # steps in a sample with given effects: no search refines them later
 
 
@@ -71,8 +73,8 @@ def fit_linear(plant: Plant, parts: Sequence[Part], constants: Mapping[str, floa
 def beyond_the_box(fit: Fit, parts: Sequence[Part]) -> Fit:
     """Go on within the physical ranges where a fit ended at an edge of the search box.
 
-    The box says where to begin. What the data determine outside it is the rig's; what they do not
-    stays near, see `Problem`.
+    The box says where to begin. What the data determine outside it is the rig's; where little is
+    gained there, the fit within the box stands.
 
     Args:
         fit: of the plant, see `fit_linear`.
@@ -82,7 +84,7 @@ def beyond_the_box(fit: Fit, parts: Sequence[Part]) -> Fit:
         return fit
     plant = fit.candidate.plant
     (wider,) = solve_all([Problem(fit.candidate, plant_unknowns(plant, 'range'), parts)])
-    return wider
+    return wider if wider.error < OUTSIDE * fit.error else fit
 
 
 def refuse_reversed(fit: Fit, parts: Sequence[Part]) -> None:
