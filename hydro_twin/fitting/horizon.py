@@ -30,11 +30,14 @@ HORIZON = 10.0          # [s], longest window: some strokes of a cylinder, few o
 OF_START = 1.2          # free run over horizon, errors beyond which the difference is no chance
 
 
-def windows(part: Part, longest: int, least: int, sample_time: float) -> list[Part]:
-    """Cut a part into equal windows of at most `longest` samples, but of `least` at least."""
-    n = len(part.measured)
-    edges = np.linspace(0, n, min(math.ceil(n / longest), n // least) + 1).astype(int)
-    return [part.cut(a, b, sample_time) for a, b in pairwise(edges.tolist())]
+def windows(parts: Sequence[Part], longest: int, least: int, sample_time: float) -> list[Part]:
+    """Cut each part into equal windows of at most `longest` samples, but of `least` at least."""
+    cut = []
+    for part in parts:
+        n = len(part.measured)
+        edges = np.linspace(0, n, min(math.ceil(n / longest), n // least) + 1).astype(int)
+        cut += [part.cut(a, b, sample_time) for a, b in pairwise(edges.tolist())]
+    return cut
 
 
 def horizon_windows(parts: Sequence[Part], plant: Plant, sample_time: float) -> list[Part]:
@@ -47,7 +50,7 @@ def horizon_windows(parts: Sequence[Part], plant: Plant, sample_time: float) -> 
     """
     least = least_samples(plant, sample_time)
     longest = max(round(min(HORIZON, plant.horizon) / sample_time), least)
-    return [window for part in parts for window in windows(part, longest, least, sample_time)]
+    return windows(parts, longest, least, sample_time)
 
 
 def between_ends(parts: Sequence[Part], sample_time: float) -> list[Part]:

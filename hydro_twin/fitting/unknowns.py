@@ -90,9 +90,7 @@ def plant_unknowns(plant: Plant, within: str) -> list[Unknown]:
     """
     if within == 'box':
         return [Unknown(p.name, '', p.lower, p.upper, True) for p in plant.parameters]
-    if within == 'range':
-        return [Unknown(p.name, '', p.minimum, p.maximum, True) for p in plant.parameters]
-    left = left_alone(plant)
+    left = left_alone(plant) if within == 'physical' else set()
     return [Unknown(p.name, '', p.minimum, p.maximum, True) for p in plant.parameters
             if p.name not in left]
 

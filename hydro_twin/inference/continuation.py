@@ -84,8 +84,7 @@ def shorter_horizon(base: Fit, parts: Sequence[Part], times: tuple[float, float]
     least = least_samples(candidate.plant, candidate.sample_time)
 
     def cut(longest: int) -> list[Part]:
-        return [window for part in parts
-                for window in windows(part, longest, least, candidate.sample_time)]
+        return windows(parts, longest, least, candidate.sample_time)
 
     longest = max(len(part.measured) for part in parts)
     length, short, fit = longest, parts, base
@@ -148,5 +147,5 @@ def _short_windows(candidate: Model, parts: Sequence[Part]) -> list[Part]:
         return []
     least = least_samples(candidate.plant, candidate.sample_time)
     short = [window for part in parts for window in windows(
-        part, len(part.measured) // SHORTER, least, candidate.sample_time)]
+        [part], len(part.measured) // SHORTER, least, candidate.sample_time)]
     return short if len(short) > len(parts) else []

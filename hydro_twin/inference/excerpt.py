@@ -51,7 +51,7 @@ def excerpt(parts: Sequence[Part], plant: Plant, sample_time: float, factor: int
             return parts
         if scored_at_all <= ENOUGH:
             return horizon_windows(parts, plant, sample_time)
-        return [window for part in parts for window in windows(part, stretch, least, sample_time)]
+        return windows(parts, stretch, least, sample_time)
     enough, scored = factor * ENOUGH, stretch - factor * plant.start_samples(factor * sample_time)
     total = sum(len(part.measured) for part in parts)
     rng = np.random.default_rng(0)

@@ -136,14 +136,19 @@ def _without_weak_dynamics(selection: Selection, white: Context, context: Contex
         white: the whitened data.
         context: the data as measured.
     """
-    for k, found in enumerate(selection.findings):
-        if not selection.fit.candidate.effects[found.index].effect.dynamic:
-            continue
-        fit = search(selection.fit.candidate, context.parts, LONG)
-        (bare,) = context.without(fit, [found.index])
-        if (explained_share(bare, fit) < NEARLY_ALL and cannot_be_noise(fit.by_part)
-                and is_residual_structured(replace(selection, fit=fit), context)):
-            (rest,) = white.without(selection.fit, [found.index])
+    dynamic = [k for k, index in enumerate(selection.indices)
+               if selection.fit.candidate.effects[index].effect.dynamic]
+    if not dynamic:
+        return selection
+    fit = search(selection.fit.candidate, context.parts, LONG)
+    if not (cannot_be_noise(fit.by_part)
+            and is_residual_structured(replace(selection, fit=fit), context)):
+        return selection
+    for k in dynamic:
+        index = selection.findings[k].index
+        (bare,) = context.without(fit, [index])
+        if explained_share(bare, fit) < NEARLY_ALL:
+            (rest,) = white.without(selection.fit, [index])
             return _without_weak_dynamics(
                 Selection(rest, other_findings(selection, k)), white, context)
     return selection

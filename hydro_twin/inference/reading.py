@@ -9,6 +9,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from itertools import combinations, product
+from operator import itemgetter
 
 import numpy as np
 from scipy.optimize import least_squares
@@ -155,9 +156,11 @@ def _along(candidate: Model, index: int, parts: Sequence[Part]
     reach = spans(candidate.without(index), parts)
     best: dict[str, tuple[float, Site]] = {}
     for effect, port in places(plant, candidate.effects):
+        if not is_static(effect):
+            continue
         value = reaching[:, plant.ports.index(port)]
-        whole = max((signal, passed), key=lambda one: _alike(one, value))
-        alike = _alike(whole, value) if is_static(effect) else 0.0
+        alike, whole = max(((_alike(one, value), one) for one in (signal, passed)),
+                           key=itemgetter(0))
         if alike > max(ALONG, best[effect.id][0] if effect.id in best else 0.0):
             best[effect.id] = alike, Site(effect, port, _gain(whole, value), reach[port])
     sites = sorted((site for _, site in best.values()),

@@ -4,9 +4,9 @@ from __future__ import annotations
 from dataclasses import replace
 from functools import cache
 
+from coloured_noise import coloured
 import numpy as np
 import pytest
-from scipy.signal import lfilter
 from traced_rig import fitted, PLANT, record
 
 from hydro_twin.fitting.output_error import residuals
@@ -82,16 +82,15 @@ def test_a_delay_that_leaves_more_than_noise_must_explain_nearly_all(coulomb, ke
     assert names(without_unsupported(selection, alone, context)) == kept
 
 
-def with_coloured_noise(clean, rms):
-    rng = np.random.default_rng(0)
+def noisy(clean, rms):
     return Recording(tuple(
-        replace(one, columns={**one.columns, 'T_g': one['T_g'] + lfilter(
-            [0.44], [1.0, -0.9], rms * rng.standard_normal(len(one)))}) for one in clean.series))
+        replace(one, columns={**one.columns, 'T_g': one['T_g'] + coloured(k, len(one), 0.9, rms)})
+        for k, one in enumerate(clean.series)))
 
 
 def test_a_delay_beside_coloured_noise_need_not_explain_the_noise():
     delay = ('delay', 'command', {'time': 0.02})
-    selection, alone, context = growing(with_coloured_noise(record(delay, noise=0.0), 3.0))(delay)
+    selection, alone, context = growing(noisy(record(delay, noise=0.0), 3.0))(delay)
     assert cannot_be_noise(selection.fit.by_part)
     assert explained_share(alone, selection.fit) < 0.9
     assert names(without_unsupported(selection, alone, context)) == ['delay']
@@ -100,7 +99,7 @@ def test_a_delay_beside_coloured_noise_need_not_explain_the_noise():
 @pytest.mark.slow
 def test_what_coloured_noise_leaves_is_nothing_that_is_missing():
     """Far more than white noise, with which the bias would explain less than half."""
-    make = growing(with_coloured_noise(record(FRICTION, BIAS, noise=0.0), 3.0))
+    make = growing(noisy(record(FRICTION, BIAS, noise=0.0), 3.0))
     selection, alone, context = make(FRICTION, BIAS)
     assert selection.fit.error > 2.0 * noise_floor(selection.fit.by_part)
     assert explained_share(make(FRICTION)[0].fit, selection.fit) < 0.5
