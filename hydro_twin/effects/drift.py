@@ -36,10 +36,10 @@ def factor(values: Values, time: float) -> float:
     return min(max(1.0 - rate * spread * left, LEAST), 1.0 / LEAST)
 
 
-def is_slow(values: Values) -> bool:
-    """Whether the parameter stays between `LEAST` and its inverse by itself.
+def distinguishable(_: Span, values: Values) -> bool:
+    """Separate a drift from what changes the parameter beyond `LEAST` or its inverse.
 
-    What changes it more acts where the recording begins or ends, and not with time: a dead zone
+    That acts where the recording begins or ends, and not with time: a dead zone
     that only the first steps are within.
     """
     return LEAST < factor(values, values[3]) < 1.0 / LEAST
@@ -96,5 +96,6 @@ EFFECT = Effect(
     starts=starts,
     refined=refined,
     excitation='record from a cold start until the rig is warm',
+    distinguishable=distinguishable,
     course=Course(factor, slopes, interval),
 )

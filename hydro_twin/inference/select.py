@@ -14,7 +14,6 @@ import math
 import numpy as np
 
 from hydro_twin.effects import Placed
-from hydro_twin.effects.drift import is_slow
 from hydro_twin.fitting.fit import Fit
 from hydro_twin.fitting.linear import SUBSTEPS
 from hydro_twin.fitting.parts import Part
@@ -256,12 +255,7 @@ def _drifts(fit: Fit) -> bool:
 
 
 def _is_drift_preferred(drift: Fit, parts: Sequence[Part]) -> bool:
-    """Compare a drift with a model of its own for each recording; see `is_drift_preferred`.
-
-    One that is not slow is not preferred to anything.
-    """
-    if not is_slow(drift.candidate.effects[-1].values):
-        return False
+    """Compare a drift with a model of its own for each recording; see `is_drift_preferred`."""
     bare = drift.candidate.without(-1)
     each = by_recording(parts, bare.sample_time)
     return len(each) == 1 or is_drift_preferred(

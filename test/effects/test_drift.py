@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 from scipy.linalg import expm
 
-from hydro_twin.effects.drift import factor, slopes
+from hydro_twin.effects import Span
+from hydro_twin.effects.drift import distinguishable, factor, slopes
 from hydro_twin.fitting.fit import Fit
 from hydro_twin.fitting.output_error import initial_states
 from hydro_twin.fitting.parts import Part
@@ -49,6 +50,13 @@ INF = math.inf
 ])
 def test_law(law, time, expected):
     assert factor(law, time) == pytest.approx(expected, rel=1e-6)
+
+
+@pytest.mark.parametrize(('rate', 'drifts'), [
+    (0.1, True), (-0.5, True), (0.2, False), (-1.0, False)])
+def test_what_changes_more_than_fivefold_is_no_drift(rate, drifts):
+    nowhere = Span(((0.0, 0.0),), {}, {}, (0.0, 1.0), T, 0)
+    assert distinguishable(nowhere, (rate, 0.0, INF, BEGIN, END)) is drifts
 
 
 @pytest.mark.parametrize('rate', [1e6, -1e6, 1e-3])
