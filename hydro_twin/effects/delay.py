@@ -17,6 +17,7 @@ EFFECT = Effect(
     starts=starts,
     excitation='use steps or fast sinusoids',
     hides=True,
+    linear=True,
     dynamic=True,
     shifts='held',
 )

@@ -134,6 +134,8 @@ class Effect:
         reads: the signals of the port it reads, in the order of s; 'value' for what reaches it.
         unit_read: unit that the first signal must have; '' for any.
         memory: how many numbers it keeps.
+        swings: how many of the first of them may have any value at the start of a recording, as
+            position and speed of a load that swings.
         starts: what the recording reaches -> sets of parameters to begin a search at.
         excitation: what a recording must hold to show it, as advice to a person.
         beyond_reach: whether it may hide beyond what a recording reaches, as a limit does.
@@ -151,7 +153,8 @@ class Effect:
         shifts: a pure delay of these inputs ('held' or 'all'), which has no law.
         course: of a parameter of the plant, which is the port; there is no law.
         explains: whether it explains what it adds; a curve that is merely found does not.
-        dynamic: whether it is linear dynamics, which no curve over a signal shows.
+        linear: whether it is linear dynamics, which no curve over a signal shows.
+        dynamic: whether these act on a signal on its way, so that they look like a delay.
         periodic: whether it repeats with what it reads: a run that is half a period off meets it
             in the wrong phase.
         shows: what an observer publishes of it.
@@ -174,10 +177,12 @@ class Effect:
     reads: tuple[str, ...] = ()
     unit_read: str = ''
     memory: int = 0
+    swings: int = 0
     implicit: bool = False
     shifts: str = ''
     course: Course | None = None
     explains: bool = True
+    linear: bool = False
     dynamic: bool = False
     periodic: bool = False
     simpler: str = ''

@@ -46,6 +46,7 @@ EFFECT = Effect(
     starts=starts,
     excitation='use steps or fast sinusoids',
     hides=True,
+    linear=True,
     dynamic=True,
     law=law,
     memory=2,

@@ -69,6 +69,7 @@ EFFECT = Effect(
     excitation='use steps, or sinusoids up to the frequency of the mode',
     distinguishable=distinguishable,
     hides=True,
+    linear=True,
     dynamic=True,
     simpler='lag',
     law=law,

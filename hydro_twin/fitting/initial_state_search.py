@@ -12,7 +12,7 @@ from hydro_twin.compiled import compiled
 from hydro_twin.fitting.first_samples import FirstSamples
 from hydro_twin.fitting.initial_states import InitialStates
 from hydro_twin.predictors.sensitivities import run_with_sensitivities
-from hydro_twin.predictors.system import System
+from hydro_twin.predictors.system import BEYOND, System
 from hydro_twin.predictors.tangents import NONE, tangent_of
 
 NO_WORSE = 1.2          # RMS residual over that of a similar model: no reason to search again
@@ -93,10 +93,19 @@ class InitialStateSearch:
             np.cumsum(response**2, axis=0)[self.counts - 1] / self.counts[:, None])
         self.scale = np.hstack([self.sizes[:, None] / np.where(shown > 0.0, shown, 1.0),
                                 self.edges[..., 1] - self.edges[..., 0]])
+        swings = (self.edges[..., 1] == BEYOND).all(axis=0)
+        self.free = np.append(np.ones(self.n, dtype=bool), swings)
         self.linear = np.hstack([response, np.zeros((N, system.memory))])
         self.state = self.rest.copy()
         self.residual, self.squares = np.zeros((P, N)), np.empty(P)
         self.jacobian = np.zeros((P, N, self.scale.shape[1]))
+        if swings.any():
+            self.scale[:, self.n:][:, swings] = 1.0
+            self.differentiate(np.arange(P), self.counts, self.free)
+            shown = np.sqrt(np.einsum('kic,kic->kc', self.jacobian, self.jacobian)
+                            / self.counts[:, None])[:, self.n:][:, swings]
+            self.scale[:, self.n:][:, swings] = np.divide(
+                self.sizes[:, None], shown, out=np.zeros(shown.shape), where=shown > 0.0)
 
     def search(self) -> FloatArray:
         """Search from rest, and where that fits poorly from other states, too; returns (P, c).
@@ -111,7 +120,7 @@ class InitialStateSearch:
             self.run_linear(every, self.counts)
             self.step(every, self.counts, RIDGE, 1.0)
             return self.state
-        self.descend(every, self.counts, self.n)
+        self.descend(every, self.counts, self.free)
         self.from_fewer_samples(self.poor(every, self.counts))
         self.from_other_branches(self.poor(every, self.counts))
         return self.state
@@ -119,7 +128,7 @@ class InitialStateSearch:
     def search_from(self, states: FloatArray) -> FloatArray:
         """Search from states (P, c) alone; returns (P, c)."""
         self.state = states.copy()
-        self.descend(np.arange(len(self.counts)), self.counts, self.n)
+        self.descend(np.arange(len(self.counts)), self.counts, self.free)
         return self.state
 
     def poor(self, parts: IntArray, counts: IntArray) -> IntArray:
@@ -142,10 +151,10 @@ class InitialStateSearch:
             poor = poor[counts[-1][poor] >= SHORTEST * self.n]
             depths[poor] += 1
             self.state[poor] = self.rest[poor]
-            self.descend(poor, counts[-1], self.n)
+            self.descend(poor, counts[-1], self.free)
             poor = self.poor(poor, counts[-1])
         for depth in range(len(counts) - 2, -1, -1):
-            self.descend(parts[depths[parts] > depth], counts[depth], self.n)
+            self.descend(parts[depths[parts] > depth], counts[depth], self.free)
         back = ~(self.squares[parts] < squares)
         worse = parts[back]
         self.state[worse], self.residual[worse], self.squares[worse] = (
@@ -171,7 +180,7 @@ class InitialStateSearch:
         best = best[left[best] < LOWERED * squares[which[best]]]
         better, squares = here[best], left[best]
         self.state[better] = states[best]
-        self.descend(better, self.counts, self.scale.shape[1])
+        self.descend(better, self.counts, np.ones(self.scale.shape[1], dtype=bool))
         back = ~(self.squares[better] < HALVED * squares)
         self.state[better[back]] = before[which[best[back]]]
 
@@ -180,7 +189,7 @@ class InitialStateSearch:
         states, which = [], []
         for i, unit in enumerate(np.eye(self.scale.shape[1])):
             scale = self.scale[parts, i]
-            if i < self.n:
+            if self.free[i]:
                 values = [self.state[parts, i] + way * scale for way in (-1.0, 1.0)]
             else:
                 low, high = self.edges[parts, i - self.n].T
@@ -191,8 +200,8 @@ class InitialStateSearch:
                 which.append(moves)
         return np.concatenate(states), np.concatenate(which)
 
-    def descend(self, parts: IntArray, counts: IntArray, free: int) -> None:
-        """Search by so many samples along the first free coordinates, from the states of parts.
+    def descend(self, parts: IntArray, counts: IntArray, free: npt.NDArray[np.bool_]) -> None:
+        """Search by so many samples along the free coordinates (c,), from the states of parts.
 
         Leaves the Jacobian before the last step.
         """
@@ -229,14 +238,15 @@ class InitialStateSearch:
         self.residual[parts, :residual.shape[1]] = residual
         self.squares[parts] = squares
 
-    def differentiate(self, parts: IntArray, counts: IntArray, free: int) -> None:
-        """Run from the states of parts with derivatives by the first free coordinates."""
+    def differentiate(self, parts: IntArray, counts: IntArray, free: npt.NDArray[np.bool_]
+                      ) -> None:
+        """Run from the states of parts with derivatives by the free coordinates, (c,)."""
         state, N = self.state[parts], int(counts[parts].max())
         _, slopes = run_with_sensitivities(
             self.system, NONE, (self.tangent,),
             self.inputs[parts, :N].reshape(-1, self.inputs.shape[2]),
             N * np.arange(len(parts) + 1), state[:, :self.n], state[:, self.n:])
-        units = np.where(np.arange(state.shape[1]) < free, self.scale[parts], 0.0)
+        units = np.where(free, self.scale[parts], 0.0)
         self.jacobian[parts, :N] = slopes.reshape(len(parts), N, -1) * units[:, None]
 
     def step(self, parts: IntArray, counts: IntArray, ridge: float, enough: float

@@ -147,7 +147,7 @@ def shape_of(fit: Fit, placed: Placed, parts: Sequence[Part]) -> Shape | Profile
         placed: the effect, one of the model's.
         parts: what was fitted.
     """
-    if placed.effect.dynamic:
+    if placed.effect.linear:
         return _profile(fit, placed, parts)
     if placed.effect.course is not None:
         return _over_time(fit, placed, placed.effect.course, parts)

@@ -235,21 +235,25 @@ class System:
         """Return the bounds of the effects' memory at the start of K runs, (K, memory, 2).
 
         The follower of a play may be anywhere between two edges, to which its law clips anything
-        beyond. The memory of an implicit effect decays at once: zero.
+        beyond. A load that swings may be anywhere: `BEYOND`, both ways. The memory of an implicit
+        effect decays at once: zero.
 
         Args:
             inputs: of the first sample of each run, (K, m).
             x: its state, (K, n).
         """
-        lasting = [effect['z_begin'] for effect in self.step.effects
-                   if effect['z_end'] > effect['z_begin'] and not effect['implicit']]
-        edges = np.zeros((len(x), self.memory, 2))
-        if lasting:
+        edges, plays = np.zeros((len(x), self.memory, 2)), []
+        for placed, effect in zip(self.placed, self.step.effects, strict=True):
+            begin, swings = effect['z_begin'], placed.effect.swings
+            edges[:, begin:begin + swings] = -BEYOND, BEYOND
+            if not (swings or effect['implicit']) and effect['z_end'] > begin:
+                plays.append(begin)
+        if plays:
             for side, beyond in enumerate((-BEYOND, BEYOND)):
                 z = np.zeros((len(x), self.memory))
-                z[:, lasting] = beyond
+                z[:, plays] = beyond
                 kernel.output_each(self.step, x, z, self.work(), inputs, np.empty(len(x)))
-                edges[:, lasting, side] = z[:, lasting]
+                edges[:, plays, side] = z[:, plays]
         return edges
 
 

@@ -1,4 +1,4 @@
-"""Lag and mode against scipy, which knows the filter and the plant as one linear system."""
+"""Lag, mode and flexible load against scipy, which knows plant and these as one linear system."""
 from dataclasses import replace
 import math
 
@@ -7,7 +7,9 @@ import pytest
 from scipy import signal
 
 from hydro_twin.effects import EFFECTS, Span
-from hydro_twin.model import place
+from hydro_twin.fitting.output_error import fitted_residuals
+from hydro_twin.fitting.parts import Part
+from hydro_twin.model import Model, place
 from hydro_twin.plants import PLANTS
 from hydro_twin.predictors.system import assemble
 
@@ -143,3 +145,70 @@ def test_a_mode_above_half_of_the_sampling_rate_is_none_that_a_recording_shows(e
     reach = Span(((-1.0, 1.0),), {}, {}, (-1.0, 1.0), 0.002, 10)
     assert effect.distinguishable(reach, (240.0, 0.1))
     assert not effect.distinguishable(reach, (260.0, 0.1))
+
+
+AXIS = PLANTS['rotary_axis']
+AXIS_VALUES = {'J': 2.0, 'B': 3.0}
+LOADS = [(6.0, 0.02, 1.5), (20.0, 0.3, 0.4), (3.0, 1.0, 5.0)]      # [Hz], [1], inertia [kg m^2]
+
+
+def two_masses(frequency, damping, inertia):
+    """Write J omega' = torque - B omega + s, e'' = -s / inertia - omega' with a spring's s.
+
+    The states are omega, theta, and the stretch of the spring e with its speed.
+    """
+    w = 2 * math.pi * frequency
+    spring = inertia * np.array([0.0, 0.0, w**2, 2 * damping * w])
+    omega = (np.array([-AXIS_VALUES['B'], 0.0, 0.0, 0.0]) + spring) / AXIS_VALUES['J']
+    A = np.vstack([omega, [1.0, 0.0, 0.0, 0.0], [0.0, 0.0, 0.0, 1.0], -spring / inertia - omega])
+    B = np.array([[1.0], [0.0], [0.0], [-1.0]]) / AXIS_VALUES['J']
+    return A, B, np.array([[0.0, 1.0, 0.0, 0.0]]), np.zeros((1, 1))
+
+
+def axis_with(load, substeps=1, sample_time=0.002):
+    """Assemble the axis with a flexible load."""
+    frequency, damping, inertia = load
+    placed = place('flexible_load', 'motor', {
+        'natural_frequency': frequency, 'damping_ratio': damping,
+        'stiffness': inertia * (2 * math.pi * frequency)**2}, AXIS)
+    return assemble(AXIS, AXIS_VALUES, [placed], sample_time, substeps)
+
+
+@pytest.mark.parametrize('load', LOADS, ids=str)
+@pytest.mark.parametrize(('substeps', 'tolerance'), [(1, 5e-3), (4, 4e-4), (16, 3e-5)])
+def test_axis_and_flexible_load_are_one_linear_system(load, substeps, tolerance):
+    torque = inputs_of()[:, :1]
+    discrete = signal.cont2discrete(two_masses(*load), 0.002, 'zoh')
+    expected = signal.dlsim(discrete, torque)[1][:, 0]
+    found = axis_with(load, substeps).run(torque, np.zeros(2))
+    assert rms(found - expected) < tolerance * rms(expected)
+
+
+@pytest.mark.parametrize('load', LOADS, ids=str)
+def test_a_run_may_begin_while_the_load_swings(load):
+    """The memory is the stretch of the spring, and its speed over w.
+
+    In the first of the 16 parts of a sample the axis is taken to move at a constant speed.
+    """
+    system, e, rate = axis_with(load, 16), 0.02, 0.3
+    z = np.zeros(system.memory)
+    z[:2] = e, rate / (2 * math.pi * load[0])
+    found = system.run(np.zeros((400, 1)), np.zeros(2), z)
+    A, B, C, D = two_masses(*load)
+    _, expected, _ = signal.lsim((A, B, C, D), None, 0.002 * np.arange(400),
+                                 [0.0, 0.0, e, rate])
+    assert rms(found - expected) < 0.05 * rms(expected)
+
+
+def test_initial_states_of_a_swinging_load_are_found():
+    """In windows of a run that began long before; if it had to be at rest, ten times is left."""
+    system = axis_with(LOADS[0])
+    torque = inputs_of()[:, :1]
+    clean = system.run(torque, np.zeros(2))
+    model = Model(AXIS, AXIS_VALUES, 0.002, system.placed)
+    parts = [Part(torque[begin:begin + 150], clean[begin:begin + 150]) for begin in (200, 350)]
+    left = rms(np.concatenate(fitted_residuals(model, parts)))
+    assert left < 1e-4 * rms(clean)
+    settled = replace(system.placed[0].effect, swings=0)
+    without = replace(model, effects=(replace(system.placed[0], effect=settled),))
+    assert rms(np.concatenate(fitted_residuals(without, parts))) > 10 * left
