@@ -9,8 +9,11 @@ from hydro_twin.compiled import compiled
 from hydro_twin.effects.effect import Effect, EffectParameter, Span, Starts
 from hydro_twin.effects.mode import TURN
 
-STRENGTH = 0.1          # of the largest force, to begin with: the load's at its resonance
-OCTAVES = 5.5           # down to where a sweep of some seconds at 500 Hz still holds a few periods
+STRENGTH = 0.1          # of the load, to begin with: its force at that frequency over the largest
+RESONANT = math.sqrt(0.5)       # damping ratio from which there is no resonance
+FELT = 0.01             # of the largest force, from which that of a load that swings as fast as
+#                         the motor moves is felt: it is not a tenth of what the effects found add
+OCTAVES = 5.5           # down to 0.9 Hz at 500 Hz, of which some seconds hold a few periods
 
 
 @compiled
@@ -54,6 +57,18 @@ def starts(span: Span) -> Starts:
     return found
 
 
+def distinguishable(span: Span, values: tuple[float, ...]) -> bool:
+    """Ask for a resonance below half of the sampling rate, and for a spring that is felt.
+
+    A weak one beside a load that swings widely is a sinusoid, with an amplitude of its own in
+    each part of the recording.
+    """
+    natural_frequency, damping_ratio, stiffness = values
+    force = stiffness * span.signals['velocity'] / (TURN * natural_frequency)
+    return (natural_frequency * span.sample_time < 0.5 and damping_ratio < RESONANT
+            and force > FELT * span.value)
+
+
 EFFECT = Effect(
     id='flexible_load',
     title='flexible load',
@@ -68,6 +83,7 @@ EFFECT = Effect(
     ),
     starts=starts,
     excitation='use steps, or sinusoids around the natural frequency of the load',
+    distinguishable=distinguishable,
     law=law,
     memory=4,
     swings=2,

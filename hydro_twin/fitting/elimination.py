@@ -10,11 +10,14 @@ from hydro_twin.arrays import FloatArray, IntArray
 from hydro_twin.compiled import compiled
 from hydro_twin.fitting.initial_states import InitialStates
 from hydro_twin.fitting.parts import edges_of
+from hydro_twin.predictors.system import BEYOND
 
 UNOBSERVABLE = 1e-6     # of the linear response to a state: less shows nothing of it
 SMALL = 0.1             # of the residual: a change that explains less hardly alters the Jacobian
 AS_GOOD = 1.02          # RMS of a rerun over the predicted one: the linearisation holds
 RERUNS = 4              # at most: each squares the error of an initial state
+RIDGE = 1e-4            # added to the diagonal of normal equations whose columns have an RMS of 1
+RELATIVE = 1e-12        # of their trace, added, too: the first samples may not show every state
 
 
 class Eliminated(NamedTuple):
@@ -84,17 +87,19 @@ def eliminate(residual: FloatArray, by_state: FloatArray, linear_response: Float
         n = len(linear_response)
         response[:, :n][response[:, :n] < UNOBSERVABLE * linear_response] = 0.0
         scale = np.where(scale > 1e-6 * response, scale, response)
-        if weights is None:
-            weights = _weights(first_squares[:, s] / np.maximum(early, 1),
-                               later_squares[:, s] / np.maximum(late, 1))
         per = np.divide(1.0, scale, out=np.zeros(scale.shape), where=response > 0.0)[..., None]
+        if weights is None:
+            squares = np.stack([first_squares[:, s], later_squares[:, s]])
+            if margins is not None and (margins == BEYOND).any():
+                squares = _squares_left(np.stack([first, later])[..., :s + 1, :s + 1], per)
+            weights = _weights(squares[0] / np.maximum(early, 1),
+                               squares[1] / np.maximum(late, 1))
         weighted = later + weights[:, None, None] * first
         normal = per * weighted[:, :s, :s] * per.transpose(0, 2, 1)
         right = per * weighted[:, :s, s:]
     normal[~finite], right[~finite] = np.eye(s), 0.0
-    # Relative, too: where the first samples weigh most, they may not show every state.
     every = np.arange(s)
-    normal[:, every, every] += 1e-4 + 1e-12 * np.trace(normal, axis1=1, axis2=2)[:, None]
+    normal[:, every, every] += RIDGE + RELATIVE * np.trace(normal, axis1=1, axis2=2)[:, None]
     change = np.linalg.solve(normal, right)
     if margins is not None:
         bounds = margins * np.where(response > 0.0, scale, 0.0)[:, n:, None]
@@ -156,6 +161,30 @@ def eliminate_with_reruns(run_from: RunFrom, initial: InitialStates,
             values[parts] = after[better]
         initial = initial.with_others(parts, moved.at(np.flatnonzero(better)))
     return runs, initial
+
+
+def _squares_left(products: FloatArray, per: FloatArray) -> FloatArray:
+    """Sums of squares that initial states leave when fitted to all samples alike, (2, P).
+
+    The first samples hardly show how a load swings: what is left later if it is estimated from
+    them alone is no error of the model.
+
+    Args:
+        products: of the derivatives by the states, and of the residual, over the first samples
+            and the later ones, (2, P, s + 1, s + 1).
+        per: of each derivative one over its scale, (P, s, 1).
+    """
+    finite = np.isfinite(products).all(axis=(0, 2, 3))
+    some, unit = products[:, finite], per[finite]
+    normal = unit * some[..., :-1, :-1] * unit.transpose(0, 2, 1)
+    right = unit * some[..., :-1, -1:]
+    whole = normal.sum(axis=0)
+    every = np.arange(whole.shape[1])
+    whole[:, every, every] += RIDGE + RELATIVE * np.trace(whole, axis1=1, axis2=2)[:, None]
+    change = np.linalg.solve(whole, right.sum(axis=0))
+    left = products[..., -1, -1].copy()
+    left[:, finite] += (change.swapaxes(1, 2) @ (normal @ change - 2.0 * right))[..., 0, 0]
+    return left
 
 
 def _weights(first: FloatArray, later: FloatArray) -> FloatArray:

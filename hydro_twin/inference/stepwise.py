@@ -8,7 +8,7 @@ import numpy as np
 
 from hydro_twin.effects import Effect
 from hydro_twin.fitting.fit import Fit
-from hydro_twin.fitting.output_error import initial_states, runs
+from hydro_twin.fitting.output_error import fitted_residuals
 from hydro_twin.fitting.parts import Part
 from hydro_twin.fitting.port_signals import PREDICTED, predicted_by_ports
 from hydro_twin.fitting.whiteness import is_white
@@ -304,12 +304,10 @@ def with_fine_steps(fit: Fit, parts: Sequence[Part], finest: int) -> Fit:
 
 
 def step_halving_change(candidate: Model, parts: Sequence[Part]) -> float:
-    """Say by how much half as long steps change the output, RMS, whitened."""
+    """Say by how much half as long steps change the residual, RMS, initial states being fitted."""
     finer = replace(candidate, substeps=2 * candidate.substeps)
-    starts = initial_states(candidate, parts)
-    now, then = (runs(model, parts, starts.x, starts.z) for model in (candidate, finer))
-    return rms(np.concatenate([part.whitened(b - a) for part, a, b in zip(
-        parts, now, then, strict=True)]))
+    now, then = (np.concatenate(fitted_residuals(model, parts)) for model in (candidate, finer))
+    return rms(then - now)
 
 
 def is_discretisation_error(fit: Fit, parts: Sequence[Part]) -> bool:

@@ -1,4 +1,4 @@
-"""Linear dynamics that the plant lacks: delay, lag and mode told apart, or said to be alike."""
+"""Linear dynamics that the plant lacks: delay, lag, mode, flexible load, or said to be alike."""
 from __future__ import annotations
 
 from dataclasses import replace
@@ -140,3 +140,26 @@ def test_a_valve_of_second_order_before_an_integrator_is_a_mode():
     assert (found['id'], found['certain']) == ('mode', True)
     assert found['parameters']['natural_frequency']['value'] == pytest.approx(11.0, rel=0.02)
     assert found['parameters']['damping_ratio']['value'] == pytest.approx(damping, rel=0.03)
+
+
+@pytest.mark.slow
+def test_a_second_inertia_on_a_spring_is_a_flexible_load():
+    """An axis, made by scipy: 2 x'' = u - 3 x' + k e + d e', 1.5 (x + e)'' = -k e - d e'."""
+    rng, time = np.random.default_rng(0), 0.004 * np.arange(1500)
+    k, d = 1.5 * (2.0 * np.pi * 6.0)**2, 2.0 * 0.03 * 1.5 * 2.0 * np.pi * 6.0
+    force = sum(5.0 * np.sin(2.0 * np.pi * f * time + rng.uniform(0.0, 6.0))
+                for f in (0.4, 1.1, 2.7, 4.9, 6.1, 8.3, 11.7))
+    axis = np.array([0.0, -3.0, k, d]) / 2.0
+    A = np.vstack([[0.0, 1.0, 0.0, 0.0], axis, [0.0, 0.0, 0.0, 1.0],
+                   np.array([0.0, 0.0, -k, -d]) / 1.5 - axis])
+    B, C, D = np.array([[0.0], [0.5], [0.0], [-0.5]]), np.eye(1, 4), np.zeros((1, 1))
+    position = dlsim(cont2discrete((A, B, C, D), 0.004), force)[1][:, 0]
+    measured = position + 1e-3 * np.std(position) * rng.standard_normal(len(position))
+    report = summarise(trace(Recording((Series(
+        {'force': force, 'x': measured}, 0.004, start=0, source='made'),)), None,
+        plant_named('positioning')))
+    (found,) = report['effects']
+    assert (found['id'], found['port']) == ('flexible_load', 'motor')
+    values = {name: value['value'] for name, value in found['parameters'].items()}
+    assert values == pytest.approx(
+        {'natural_frequency': 6.0, 'damping_ratio': 0.03, 'stiffness': k}, rel=0.03)
