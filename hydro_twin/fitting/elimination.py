@@ -164,7 +164,7 @@ def eliminate_with_reruns(run_from: RunFrom, initial: InitialStates,
 
 
 def _squares_left(products: FloatArray, per: FloatArray) -> FloatArray:
-    """Sums of squares that initial states leave when fitted to all samples alike, (2, P).
+    """Return the sums of squares that initial states leave, fitted to all samples alike, (2, P).
 
     The first samples hardly show how a load swings: what is left later if it is estimated from
     them alone is no error of the model.
