@@ -152,8 +152,8 @@ def _axis(index: int, rng: Generator) -> Machine:
             wave = np.interp(at, np.concatenate(([0.0], times)), corners)
         x, force = move_axis(a, wave, mass * loop**2, 1.4 * mass * loop, most, every)
         series.append({'force': force, 'x': fine * np.round(x / fine)})
-    return Machine('positioning', tuple(effects), DYNAMICS, tuple(series), rate, 'loop',
-                   a._asdict())
+    return Machine('positioning', tuple(effects), (*DYNAMICS, 'flexible_load'), tuple(series),
+                   rate, 'loop', a._asdict())
 
 
 def trace_machine(seed: int) -> dict[str, Any]:

@@ -3,6 +3,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
+import math
 from typing import Any
 
 from hydro_twin.plants.plant import Plant, Port
@@ -51,6 +52,7 @@ class Span:
         travel: of each signal there, from its least to its largest.
         measured: least and largest output in all that was recorded, but for a hundredth of it.
         lasting: for how many samples in a row the value is near its least or its largest.
+        duration: of the longest part [s].
     """
 
     ranges: Sequence[tuple[float, float]]
@@ -59,6 +61,7 @@ class Span:
     measured: tuple[float, float]
     sample_time: float
     lasting: int
+    duration: float = math.inf
 
     @property
     def low(self) -> float:

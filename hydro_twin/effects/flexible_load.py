@@ -58,15 +58,15 @@ def starts(span: Span) -> Starts:
 
 
 def distinguishable(span: Span, values: tuple[float, ...]) -> bool:
-    """Ask for a resonance below half of the sampling rate, and for a spring that is felt.
+    """Ask for a resonance that a part holds and samples show, and for a spring that is felt.
 
-    A weak one beside a load that swings widely is a sinusoid, with an amplitude of its own in
-    each part of the recording.
+    In less than a period a load that swings is a force of any size, as a bias is. A weak spring
+    with a load that swings widely is a sinusoid, of an amplitude of its own in each part.
     """
     natural_frequency, damping_ratio, stiffness = values
     force = stiffness * span.signals['velocity'] / (TURN * natural_frequency)
-    return (natural_frequency * span.sample_time < 0.5 and damping_ratio < RESONANT
-            and force > FELT * span.value)
+    return (1.0 / span.duration < natural_frequency < 0.5 / span.sample_time
+            and damping_ratio < RESONANT and force > FELT * span.value)
 
 
 EFFECT = Effect(

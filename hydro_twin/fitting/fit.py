@@ -88,8 +88,14 @@ class Fit:
 
     @property
     def free(self) -> int:
-        """How many unknowns are not at an edge of their range."""
-        return len(self.unknowns) - len(self.at_bound())
+        """How many unknowns are not at an edge of their range, with those of loads that swing."""
+        return len(self.unknowns) - len(self.at_bound()) + self.swings
+
+    @property
+    def swings(self) -> int:
+        """How many numbers say how loads swing at the start of each part."""
+        each = sum(placed.effect.swings for placed in self.candidate.effects)
+        return each * len(self.by_part)
 
     def at_bound(self) -> list[str]:
         """Name the unknowns that stopped at an edge of their range."""

@@ -71,7 +71,7 @@ def gain_p_value(before: Fit, after: Fit, tried: int) -> float:
     samples detects an effect that removes most of a slow error. That with whitened residuals
     detects one that is masked by a slow error of another cause, such as an offset.
     """
-    added = max(1, len(after.unknowns) - len(before.unknowns))
+    added = max(1, len(after.unknowns) + after.swings - len(before.unknowns) - before.swings)
     return min(1.0, 2 * tried * float(chdtrc(added, max(_gain(before, after), 0.0))))
 
 
