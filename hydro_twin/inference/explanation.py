@@ -24,10 +24,10 @@ from hydro_twin.inference.noise import cannot_be_noise
 from hydro_twin.inference.search import LONG, search, search_sticking
 from hydro_twin.inference.select import Alternative, fit_alternatives
 from hydro_twin.inference.stepwise import (
+    ENOUGH,
     FINEST,
     is_discretisation_error,
     is_residual_structured,
-    NEARLY_ALL,
     select_forward,
     with_fine_steps,
     without_indistinct,
@@ -129,7 +129,7 @@ def _by_likelihood(base: Fit, selection: Selection, context: Context) -> Explana
 
 
 def _without_weak_dynamics(selection: Selection, white: Context, context: Context) -> Selection:
-    """Drop each delay, lag or mode that does not explain the run itself, see `NEARLY_ALL`.
+    """Drop each delay, lag or mode that does not explain the run itself, see `ENOUGH`.
 
     Args:
         selection: what was found by likelihood.
@@ -147,7 +147,7 @@ def _without_weak_dynamics(selection: Selection, white: Context, context: Contex
     for k in dynamic:
         index = selection.findings[k].index
         (bare,) = context.without(fit, [index])
-        if explained_share(bare, fit) < NEARLY_ALL:
+        if explained_share(bare, fit) < ENOUGH:
             (rest,) = white.without(selection.fit, [index])
             return _without_weak_dynamics(
                 Selection(rest, other_findings(selection, k)), white, context)

@@ -26,7 +26,6 @@ from hydro_twin.inference.findings import (
     TRIED,
 )
 from hydro_twin.inference.held_out import held_out_gain, residuals
-from hydro_twin.inference.noise import cannot_be_noise
 from hydro_twin.inference.refinement import is_distinguishable, refine
 from hydro_twin.inference.search import (
     LONG,
@@ -56,7 +55,6 @@ ROUNDS = 8              # most rounds of adding an effect
 LATER, AGAIN = 8, 4     # effects fitted in full after the first round, and for an exchange
 ENOUGH = 0.5            # least share above the noise that each takes off, if something is left, or
 #                         if others would take off as much
-NEARLY_ALL = 0.9        # the same of linear dynamics, if what is left cannot be noise
 AS_MUCH = 0.8           # share of a hysteretic law's gain from which a static one is enough
 SURELY_PREDICTED = 1e-4     # p-value below which the port signals certainly predict it
 HELD_OUT = 1.2          # ratio of held-out to training error above which it is not chance
@@ -246,9 +244,7 @@ def is_significant(before: Fit, after: Fit, worth: float) -> bool:
 def without_unsupported(selection: Selection, without: Fit, context: Context) -> Selection:
     """Drop effects that explain too little of the residual without them, if structure remains.
 
-    An effect that explains only a part is not the one that is missing. Half is enough; but not of
-    linear dynamics, where what is left cannot be noise: whatever acts late, as a play does, looks
-    like a delay, a lag or a mode.
+    An effect that explains only a part is not the one that is missing. Half is enough.
 
     Args:
         selection: a model that has grown.
@@ -257,14 +253,11 @@ def without_unsupported(selection: Selection, without: Fit, context: Context) ->
     """
     if not selection.findings or not is_residual_structured(selection, context):
         return selection
-    of_dynamics = NEARLY_ALL if cannot_be_noise(selection.fit.by_part) else ENOUGH
-    needed = [of_dynamics if selection.fit.candidate.effects[k].effect.dynamic else ENOUGH
-              for k in selection.indices]
-    bare = context.without(selection.fit, selection.indices) if len(needed) > 1 else [without]
-    spare = [explained_share(fit, selection.fit) - share
-             for fit, share in zip(bare, needed, strict=True)]
-    worst = int(np.argmin(spare))
-    if spare[worst] >= 0.0:
+    bare = (context.without(selection.fit, selection.indices) if len(selection.findings) > 1
+            else [without])
+    explained = [explained_share(fit, selection.fit) for fit in bare]
+    worst = int(np.argmin(explained))
+    if explained[worst] >= ENOUGH:
         return selection
     rest = Selection(bare[worst], other_findings(selection, worst))
     return without_unsupported(rest, without, context)

@@ -71,14 +71,14 @@ def test_one_beside_a_larger_one_that_is_lacking_is_dropped(grown):
     assert names(without_unsupported(selection, alone, context)) == []
 
 
-@pytest.mark.parametrize(('coulomb', 'kept'), [(2.0, ['delay']), (4.0, [])])
-def test_a_delay_that_leaves_more_than_noise_must_explain_nearly_all(coulomb, kept):
-    """The friction is in the rig and not in the model; either way most of the residual goes."""
+@pytest.mark.parametrize(('coulomb', 'kept'), [(4.0, ['delay']), (12.0, [])])
+def test_a_delay_that_leaves_more_than_noise_must_explain_half(coulomb, kept):
+    """The friction is in the rig and not in the model."""
     delay = ('delay', 'command', {'time': 0.02})
     recorded = record(delay, ('friction', 'motor', {'coulomb': coulomb}))
     selection, alone, context = growing(recorded)(delay)
-    assert explained_share(alone, selection.fit) > 0.7
-    assert cannot_be_noise(selection.fit.by_part) == (not kept)
+    assert (explained_share(alone, selection.fit) > 0.5) == bool(kept)
+    assert cannot_be_noise(selection.fit.by_part)
     assert names(without_unsupported(selection, alone, context)) == kept
 
 
