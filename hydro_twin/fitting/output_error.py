@@ -96,10 +96,16 @@ def _residuals(model: Model, parts: Sequence[Part], x: FloatArray, z: FloatArray
             for part, y in zip(parts, runs(model, parts, x, z), strict=True)]
 
 
-def fitted_residuals(model: Model, parts: Sequence[Part]) -> list[FloatArray]:
+def fitted_residuals(model: Model, parts: Sequence[Part], initial: InitialStates | None = None
+                     ) -> list[FloatArray]:
     """Find the residual of each part with its initial state fitted to all of it.
 
     See `eliminate`. `residuals` estimates it from the first samples alone.
+
+    Args:
+        model: that is run.
+        parts: over which.
+        initial: states near which to fit; None: as estimated from the first samples.
     """
     tangents = tangents_of(model.system, lambda _: NONE)
 
@@ -117,7 +123,7 @@ def fitted_residuals(model: Model, parts: Sequence[Part]) -> list[FloatArray]:
                            for part, one in zip(some, by_state, strict=True)],
                           weights, initial.margins)
 
-    found, _ = eliminate_with_reruns(run_from, initial_states(model, parts))
+    found, _ = eliminate_with_reruns(run_from, initial or initial_states(model, parts))
     return np.split(found.residual, found.edges[1:-1])
 
 

@@ -8,7 +8,7 @@ import numpy as np
 
 from hydro_twin.effects import Effect
 from hydro_twin.fitting.fit import Fit
-from hydro_twin.fitting.output_error import fitted_residuals
+from hydro_twin.fitting.output_error import fitted_residuals, initial_states, runs
 from hydro_twin.fitting.parts import Part
 from hydro_twin.fitting.port_signals import PREDICTED, predicted_by_ports
 from hydro_twin.fitting.whiteness import is_white
@@ -297,10 +297,19 @@ def with_fine_steps(fit: Fit, parts: Sequence[Part], finest: int) -> Fit:
 
 
 def step_halving_change(candidate: Model, parts: Sequence[Part]) -> float:
-    """Say by how much half as long steps change the residual, RMS, initial states being fitted."""
-    finer = replace(candidate, substeps=2 * candidate.substeps)
-    now, then = (np.concatenate(fitted_residuals(model, parts)) for model in (candidate, finer))
-    return rms(then - now)
+    """Say by how much half as long steps change the output, RMS, whitened.
+
+    From the same initial states; where a load swings, from those fitted to either, since its law
+    takes the velocity as constant in the first step.
+    """
+    finer, initial = replace(candidate, substeps=2 * candidate.substeps), initial_states(
+        candidate, parts)
+    swings = any(placed.effect.swings for placed in candidate.effects)
+    now, then = (fitted_residuals(model, parts, initial) if swings else
+                 [part.whitened(y) for part, y in zip(
+                     parts, runs(model, parts, initial.x, initial.z), strict=True)]
+                 for model in (candidate, finer))
+    return rms(np.concatenate(then) - np.concatenate(now))
 
 
 def is_discretisation_error(fit: Fit, parts: Sequence[Part]) -> bool:
