@@ -138,7 +138,7 @@ class Effect:
         unit_read: unit that the first signal must have; '' for any.
         memory: how many numbers it keeps.
         swings: how many of the first of them may have any value at the start of a recording, as
-            position and speed of a load that swings.
+            position and speed of a load that swings, if its last parameter is not zero.
         starts: what the recording reaches -> sets of parameters to begin a search at.
         excitation: what a recording must hold to show it, as advice to a person.
         beyond_reach: whether it may hide beyond what a recording reaches, as a limit does.
@@ -239,6 +239,11 @@ class Placed:
         """Parameter values by name."""
         names = (parameter.name for parameter in self.effect.parameters)
         return dict(zip(names, self.values, strict=True))
+
+    @property
+    def swings(self) -> int:
+        """How many numbers say how it swings at the start of a recording."""
+        return self.effect.swings if self.effect.swings and self.values[-1] else 0
 
     def scaled(self, strength: float) -> Placed:
         """Make the effect so many times as strong, within its bounds, if it has a strength."""

@@ -53,8 +53,17 @@ def starts(span: Span) -> Starts:
     found = []
     for frequency in 2.0 ** -np.arange(0.0, OCTAVES, 0.5) / (12.0 * span.sample_time):
         stiffness = STRENGTH * span.value * TURN * frequency / span.signals['velocity']
-        found.append((float(frequency), 0.1, float(stiffness)))
+        found.append((float(frequency), 0.1, float(stiffness), 0.0))
     return found
+
+
+def refined(span: Span, values: tuple[float, ...]) -> Starts:
+    """Let it swing when a part begins.
+
+    Not at once: with a load of any size that swings as it likes, the mass has a velocity that its
+    first samples do not show, whatever is missing.
+    """
+    return [(*values[:-1], 1.0)]
 
 
 def distinguishable(span: Span, values: tuple[float, ...]) -> bool:
@@ -63,7 +72,7 @@ def distinguishable(span: Span, values: tuple[float, ...]) -> bool:
     In less than a period a load that swings is a force of any size, as a bias is. A weak spring
     with a load that swings widely is a sinusoid, of an amplitude of its own in each part.
     """
-    natural_frequency, damping_ratio, stiffness = values
+    natural_frequency, damping_ratio, stiffness, _ = values
     force = stiffness * span.signals['velocity'] / (TURN * natural_frequency)
     return (1.0 / span.duration < natural_frequency < 0.5 / span.sample_time
             and damping_ratio < RESONANT and force > FELT * span.value)
@@ -80,9 +89,12 @@ EFFECT = Effect(
         EffectParameter('damping_ratio', 'damping over the critical one', '1', 1e-3, 1.0),
         EffectParameter('stiffness', 'stiffness of the spring', 'value/position', 1e-9, 1e15,
                         scales=1),
+        EffectParameter('swings_at_start', 'whether it may swing when a recording begins', '1',
+                        0.0, 1.0, log=False, refinement=0.0, fixed=True),
     ),
     starts=starts,
     excitation='use steps, or sinusoids around the natural frequency of the load',
+    refined=refined,
     distinguishable=distinguishable,
     law=law,
     memory=4,

@@ -89,11 +89,12 @@ def eliminate(residual: FloatArray, by_state: FloatArray, linear_response: Float
         scale = np.where(scale > 1e-6 * response, scale, response)
         per = np.divide(1.0, scale, out=np.zeros(scale.shape), where=response > 0.0)[..., None]
         if weights is None:
-            squares = np.stack([first_squares[:, s], later_squares[:, s]])
+            weights = _weights(first_squares[:, s] / np.maximum(early, 1),
+                               later_squares[:, s] / np.maximum(late, 1))
             if margins is not None and (margins == BEYOND).any():
-                squares = _squares_left(np.stack([first, later])[..., :s + 1, :s + 1], per)
-            weights = _weights(squares[0] / np.maximum(early, 1),
-                               squares[1] / np.maximum(late, 1))
+                # The first samples hardly show how a load swings.
+                weights = np.maximum(weights / _amplification(
+                    np.stack([first, later])[..., :s, :s], per, early, late), 1.0)
         weighted = later + weights[:, None, None] * first
         normal = per * weighted[:, :s, :s] * per.transpose(0, 2, 1)
         right = per * weighted[:, :s, s:]
@@ -163,28 +164,28 @@ def eliminate_with_reruns(run_from: RunFrom, initial: InitialStates,
     return runs, initial
 
 
-def _squares_left(products: FloatArray, per: FloatArray) -> FloatArray:
-    """Return the sums of squares that initial states leave, fitted to all samples alike, (2, P).
+def _amplification(products: FloatArray, per: FloatArray, early: IntArray, late: IntArray
+                   ) -> FloatArray:
+    """Return by how much noise in the initial states raises later mean squares, (P,).
 
-    The first samples hardly show how a load swings: what is left later if it is estimated from
-    them alone is no error of the model.
+    Over that of the first samples, by which the states are estimated: the covariance of the
+    estimate, carried on to the later samples.
 
     Args:
-        products: of the derivatives by the states, and of the residual, over the first samples
-            and the later ones, (2, P, s + 1, s + 1).
+        products: of the derivatives by the states, over the first samples and the later ones,
+            (2, P, s, s).
         per: of each derivative one over its scale, (P, s, 1).
+        early: how many samples come first, (P,).
+        late: and later, (P,).
     """
-    finite = np.isfinite(products).all(axis=(0, 2, 3))
-    some, unit = products[:, finite], per[finite]
-    normal = unit * some[..., :-1, :-1] * unit.transpose(0, 2, 1)
-    right = unit * some[..., :-1, -1:]
-    whole = normal.sum(axis=0)
-    every = np.arange(whole.shape[1])
-    whole[:, every, every] += RIDGE + RELATIVE * np.trace(whole, axis1=1, axis2=2)[:, None]
-    change = np.linalg.solve(whole, right.sum(axis=0))
-    left = products[..., -1, -1].copy()
-    left[:, finite] += (change.swapaxes(1, 2) @ (normal @ change - 2.0 * right))[..., 0, 0]
-    return left
+    finite, s = np.isfinite(products).all(axis=(0, 2, 3)), products.shape[-1]
+    unit, every = per[finite], np.arange(s)
+    first, later = unit * products[:, finite] * unit.transpose(0, 2, 1)
+    first[:, every, every] += RIDGE + RELATIVE * np.trace(first, axis1=1, axis2=2)[:, None]
+    carried = np.trace(np.linalg.solve(first, later), axis1=1, axis2=2)
+    found = np.ones(products.shape[1])
+    found[finite] = (1.0 + carried / late[finite]) / np.maximum(1.0 - s / early[finite], 0.1)
+    return found
 
 
 def _weights(first: FloatArray, later: FloatArray) -> FloatArray:

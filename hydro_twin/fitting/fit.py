@@ -94,7 +94,7 @@ class Fit:
     @property
     def swings(self) -> int:
         """How many numbers say how loads swing at the start of each part."""
-        each = sum(placed.effect.swings for placed in self.candidate.effects)
+        each = sum(placed.swings for placed in self.candidate.effects)
         return each * len(self.by_part)
 
     def at_bound(self) -> list[str]:

@@ -82,7 +82,7 @@ def refinement_gain(simple: Fit, refined: Fit) -> float:
     """
     if not refined.cost < simple.cost:
         return -math.inf
-    added = len(refined.unknowns) - len(simple.unknowns)
+    added = len(refined.unknowns) + refined.swings - len(simple.unknowns) - simple.swings
     return _gain(simple, refined) - added * math.log(len(refined.residual))
 
 

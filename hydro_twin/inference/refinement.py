@@ -58,8 +58,9 @@ def refine(fits: Sequence[Fit], parts: Sequence[Part], index: int = -1,
 
 
 def _same_form(fit: Fit, other: Fit) -> bool:
-    """Whether two fits have the same unknowns."""
-    return [*map(label, fit.unknowns)] == [*map(label, other.unknowns)]
+    """Whether two fits have the same unknowns, with those of loads that swing."""
+    return ([*map(label, fit.unknowns)] == [*map(label, other.unknowns)]
+            and fit.swings == other.swings)
 
 
 def _is_refined(fit: Fit, index: int) -> bool:

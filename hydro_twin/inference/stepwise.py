@@ -304,7 +304,7 @@ def step_halving_change(candidate: Model, parts: Sequence[Part]) -> float:
     """
     finer, initial = replace(candidate, substeps=2 * candidate.substeps), initial_states(
         candidate, parts)
-    swings = any(placed.effect.swings for placed in candidate.effects)
+    swings = any(placed.swings for placed in candidate.effects)
     now, then = (fitted_residuals(model, parts, initial) if swings else
                  [part.whitened(y) for part, y in zip(
                      parts, runs(model, parts, initial.x, initial.z), strict=True)]

@@ -244,9 +244,9 @@ class System:
         """
         edges, plays = np.zeros((len(x), self.memory, 2)), []
         for placed, effect in zip(self.placed, self.step.effects, strict=True):
-            begin, swings = effect['z_begin'], placed.effect.swings
-            edges[:, begin:begin + swings] = -BEYOND, BEYOND
-            if not (swings or effect['implicit']) and effect['z_end'] > begin:
+            begin = effect['z_begin']
+            edges[:, begin:begin + placed.swings] = -BEYOND, BEYOND
+            if not (placed.effect.swings or effect['implicit']) and effect['z_end'] > begin:
                 plays.append(begin)
         if plays:
             for side, beyond in enumerate((-BEYOND, BEYOND)):

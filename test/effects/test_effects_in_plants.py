@@ -16,7 +16,7 @@ INF = math.inf
 NEUTRAL = {   # parameters with which a law changes nothing
     'friction': (0.0, 0.0, 1.0, INF, 0.0), 'dead_zone': (0.0, 0.0, 0.0), 'backlash': (0.0,),
     'saturation': (-INF, INF, 0.0), 'rate_limit': (INF, 0.0, 0.0), 'hysteresis': (0.0, 1.0),
-    'delay': (0.0,), 'lag': (0.0,), 'mode': (1e15, 1.0), 'flexible_load': (5.0, 0.1, 0.0),
+    'delay': (0.0,), 'lag': (0.0,), 'mode': (1e15, 1.0), 'flexible_load': (5.0, 0.1, 0.0, 1.0),
     'asymmetry': (0.0,), 'bias': (0.0,), 'orifice': (INF,), 'leakage': (0.0, 0.5),
     'stiffening': (0.0, 0.0, 1.0),
     'ripple': (0.0, 0.0, 9.0, 0.0, 0.0, 0.0, 0.0), 'gain': (0.0,), 'end_stop': (-1e9, 1e9),

@@ -162,4 +162,5 @@ def test_a_second_inertia_on_a_spring_is_a_flexible_load():
     assert (found['id'], found['port']) == ('flexible_load', 'motor')
     values = {name: value['value'] for name, value in found['parameters'].items()}
     assert values == pytest.approx(
-        {'natural_frequency': 6.0, 'damping_ratio': 0.03, 'stiffness': k}, rel=0.03)
+        {'natural_frequency': 6.0, 'damping_ratio': 0.03, 'stiffness': k, 'swings_at_start': 1.0},
+        rel=0.03)
