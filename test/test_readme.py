@@ -126,7 +126,8 @@ def test_the_figures_of_the_example_are_those_found(ran: Path) -> None:
         values = [report['parameters'][when][name]['value'] for when in ('before', 'after')]
         assert row(name)[:2] == pytest.approx(values, rel=tolerance)
     rival = report['effects'][0]['rivals'][0]
-    distance = re.search(rf'next best explanation, an? {rival["id"]}, is larger by (\d+)', text)
+    name = rival['id'].replace('_', ' ')
+    distance = re.search(rf'next best explanation, an? {name}, is larger by (\d+)', text)
     assert distance
     assert float(distance[1]) == pytest.approx(rival['delta_bic'], rel=0.02)
 
