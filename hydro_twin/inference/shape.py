@@ -17,7 +17,7 @@ from hydro_twin.arrays import FloatArray
 from hydro_twin.effects import Course, Placed
 from hydro_twin.fitting.autoregression import autoregression, filtered, whiten
 from hydro_twin.fitting.fit import Fit
-from hydro_twin.fitting.output_error import residuals
+from hydro_twin.fitting.output_error import fitted_residuals
 from hydro_twin.fitting.parts import Part
 from hydro_twin.fitting.port_signals import BLOCK
 from hydro_twin.inference.passing import effect_signals, EffectSignals
@@ -206,5 +206,5 @@ def _profile(fit: Fit, placed: Placed, parts: Sequence[Part]) -> Profile:
     for value in values:
         moved = with_other(fit.candidate, index, replace(
             placed, values=(float(value), *placed.values[1:])))
-        errors.append(rms(np.concatenate(residuals(moved, parts))))
+        errors.append(rms(np.concatenate(fitted_residuals(moved, parts))))
     return Profile(values, np.array(errors), fit.error)

@@ -77,3 +77,5 @@ def test_the_error_over_a_parameter_of_linear_dynamics_is_least_at_the_true_one(
     profile = shape_of(fit, fit.candidate.effects[0], made)
     assert np.isfinite(profile.errors).all()
     assert profile.values[np.argmin(profile.errors)] == pytest.approx(true, rel=0.1)
+    at_fit = np.interp(fit.candidate.effects[0].values[0], profile.values, profile.errors)
+    assert at_fit == pytest.approx(profile.error, rel=0.02)
