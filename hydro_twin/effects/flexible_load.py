@@ -11,8 +11,8 @@ from hydro_twin.effects.mode import TURN
 
 STRENGTH = 0.1          # of the load, to begin with: its force at that frequency over the largest
 RESONANT = math.sqrt(0.5)       # damping ratio from which there is no resonance
-FELT = 0.01             # of the largest force, from which that of a load that swings as fast as
-#                         the motor moves is felt: it is not a tenth of what the effects found add
+FELT = 0.01             # least force of a load that swings as fast as the motor moves, over the
+#                         largest there: a weaker one would need a swing that no motor excites
 OCTAVES = 5.5           # down to 0.9 Hz at 500 Hz, of which some seconds hold a few periods
 
 
