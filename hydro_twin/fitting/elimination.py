@@ -96,11 +96,10 @@ def eliminate(residual: FloatArray, by_state: FloatArray, linear_response: Float
                 weights = np.maximum(weights / _amplification(
                     np.stack([first, later])[..., :s, :s], per, early, late), 1.0)
         weighted = later + weights[:, None, None] * first
-        normal = per * weighted[:, :s, :s] * per.transpose(0, 2, 1)
+        normal = _scaled(weighted[:, :s, :s], per)
         right = per * weighted[:, :s, s:]
     normal[~finite], right[~finite] = np.eye(s), 0.0
-    every = np.arange(s)
-    normal[:, every, every] += RIDGE + RELATIVE * np.trace(normal, axis1=1, axis2=2)[:, None]
+    _add_ridge(normal)
     change = np.linalg.solve(normal, right)
     if margins is not None:
         bounds = margins * np.where(response > 0.0, scale, 0.0)[:, n:, None]
@@ -164,6 +163,18 @@ def eliminate_with_reruns(run_from: RunFrom, initial: InitialStates,
     return runs, initial
 
 
+def _scaled(products: FloatArray, per: FloatArray) -> FloatArray:
+    """Turn products of columns (..., P, s, s) into those of the columns over their scales."""
+    scaled: FloatArray = per * products * per.transpose(0, 2, 1)
+    return scaled
+
+
+def _add_ridge(normal: FloatArray) -> None:
+    """Add a ridge to the diagonals of normal equations (P, s, s), so that they can be solved."""
+    every = np.arange(normal.shape[-1])
+    normal[:, every, every] += RIDGE + RELATIVE * np.trace(normal, axis1=1, axis2=2)[:, None]
+
+
 def _amplification(products: FloatArray, per: FloatArray, early: IntArray, late: IntArray
                    ) -> FloatArray:
     """Return by how much noise in the initial states raises later mean squares, (P,).
@@ -179,9 +190,8 @@ def _amplification(products: FloatArray, per: FloatArray, early: IntArray, late:
         late: and later, (P,).
     """
     finite, s = np.isfinite(products).all(axis=(0, 2, 3)), products.shape[-1]
-    unit, every = per[finite], np.arange(s)
-    first, later = unit * products[:, finite] * unit.transpose(0, 2, 1)
-    first[:, every, every] += RIDGE + RELATIVE * np.trace(first, axis1=1, axis2=2)[:, None]
+    first, later = _scaled(products[:, finite], per[finite])
+    _add_ridge(first)
     carried = np.trace(np.linalg.solve(first, later), axis1=1, axis2=2)
     found = np.ones(products.shape[1])
     found[finite] = (1.0 + carried / late[finite]) / np.maximum(1.0 - s / early[finite], 0.1)

@@ -88,8 +88,13 @@ class Fit:
 
     @property
     def free(self) -> int:
-        """How many unknowns are not at an edge of their range, with those of loads that swing."""
-        return len(self.unknowns) - len(self.at_bound()) + self.swings
+        """How many of what was fitted are not at an edge of their range."""
+        return self.fitted - len(self.at_bound())
+
+    @property
+    def fitted(self) -> int:
+        """How many numbers were fitted: the unknowns, and those of loads that swing."""
+        return len(self.unknowns) + self.swings
 
     @property
     def swings(self) -> int:

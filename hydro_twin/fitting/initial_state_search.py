@@ -93,18 +93,19 @@ class InitialStateSearch:
             np.cumsum(response**2, axis=0)[self.counts - 1] / self.counts[:, None])
         self.scale = np.hstack([self.sizes[:, None] / np.where(shown > 0.0, shown, 1.0),
                                 self.edges[..., 1] - self.edges[..., 0]])
-        swings = (self.edges[..., 1] == BEYOND).all(axis=0)
-        self.free = np.append(np.ones(self.n, dtype=bool), swings)
+        swings = self.n + np.flatnonzero((self.edges[..., 1] == BEYOND).all(axis=0))
+        self.free = np.arange(self.scale.shape[1]) < self.n
+        self.free[swings] = True
         self.linear = np.hstack([response, np.zeros((N, system.memory))])
         self.state = self.rest.copy()
         self.residual, self.squares = np.zeros((P, N)), np.empty(P)
         self.jacobian = np.zeros((P, N, self.scale.shape[1]))
-        if swings.any():
-            self.scale[:, self.n:][:, swings] = 1.0
+        if len(swings):
+            self.scale[:, swings] = 1.0
             self.differentiate(np.arange(P), self.counts, self.free)
             shown = np.sqrt(np.einsum('kic,kic->kc', self.jacobian, self.jacobian)
-                            / self.counts[:, None])[:, self.n:][:, swings]
-            self.scale[:, self.n:][:, swings] = np.divide(
+                            / self.counts[:, None])[:, swings]
+            self.scale[:, swings] = np.divide(
                 self.sizes[:, None], shown, out=np.zeros(shown.shape), where=shown > 0.0)
 
     def search(self) -> FloatArray:

@@ -123,7 +123,9 @@ def fitted_residuals(model: Model, parts: Sequence[Part], initial: InitialStates
                            for part, one in zip(some, by_state, strict=True)],
                           weights, initial.margins)
 
-    found, _ = eliminate_with_reruns(run_from, initial or initial_states(model, parts))
+    if initial is None:
+        initial = initial_states(model, parts)
+    found, _ = eliminate_with_reruns(run_from, initial)
     return np.split(found.residual, found.edges[1:-1])
 
 

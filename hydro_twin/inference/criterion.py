@@ -71,7 +71,7 @@ def gain_p_value(before: Fit, after: Fit, tried: int) -> float:
     samples detects an effect that removes most of a slow error. That with whitened residuals
     detects one that is masked by a slow error of another cause, such as an offset.
     """
-    added = max(1, len(after.unknowns) + after.swings - len(before.unknowns) - before.swings)
+    added = max(1, after.fitted - before.fitted)
     return min(1.0, 2 * tried * float(chdtrc(added, max(_gain(before, after), 0.0))))
 
 
@@ -82,7 +82,7 @@ def refinement_gain(simple: Fit, refined: Fit) -> float:
     """
     if not refined.cost < simple.cost:
         return -math.inf
-    added = len(refined.unknowns) + refined.swings - len(simple.unknowns) - simple.swings
+    added = refined.fitted - simple.fitted
     return _gain(simple, refined) - added * math.log(len(refined.residual))
 
 
