@@ -16,12 +16,13 @@ from hydro_twin.result import NamedEffect, VerdictKind
 SAMPLES = 1000.0        # as many decide between two laws: 20 of BIC, of 3000 samples, is 7 %
 # Share of the development rigs on which the law was another than those named ...
 SETTLED = 0.005         # ... where no test found anything in the residual
-DOUBTFUL = 0.15         # ... where one did
+DOUBTFUL = 0.05         # ... where one did
+ABOVE_NOISE = 0.15      # ... where more is left than noise of a short memory
 POOR = 0.65             # ... and where much is left that cannot be noise
 # Share on which an effect showed although nothing was found, and none although something was left.
 MISSED = 0.15
 MISSED_COLOURED = 0.5   # the first, where more is left than noise of a short memory
-MISTAKEN = 0.02
+MISTAKEN = 0.05
 
 
 def coarsened_posterior(distances: Mapping[str, float], samples: int) -> dict[str, float]:

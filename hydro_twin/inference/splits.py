@@ -20,29 +20,40 @@ def held_out_split(recording: Recording, plant: Plant) -> tuple[Split, int]:
     """Hold out the first third of every series, unless it moves otherwise than the rest.
 
     As of a cylinder that extends there and retracts in the rest, or an axis that stands: neither
-    part can say of the other whether its laws are right. Then every third series is held out, or
-    every third window, if these do move as the rest. Only where the plant integrates, so that
-    windows are fitted anyway.
+    part can say of the other whether its laws are right. Then every third series is held out, or,
+    where the plant integrates, so that windows are fitted anyway, every third window, if these do
+    move as the rest.
 
     Returns:
         The split, and which it is, see `TraceResult.tested`.
     """
     first = split(recording)
-    if not plant.integrates or _moves_alike(first, plant):
+    if _moves_alike(first, plant):
         return first, THIRD
     if _moves_alike(by_series := split_by_series(recording), plant):
         return by_series, SERIES
-    for shorter in (1, 2, 4):
+    for shorter in (1, 2, 4) if plant.integrates else ():
         if _moves_alike(by_windows := split_by_windows(recording, HORIZON / shorter), plant):
             return by_windows, WINDOWS
     return first, THIRD
 
 
-def second_split(recording: Recording, plant: Plant) -> Split | None:
-    """Hold out the second sixth of every series instead; None where that is too short."""
-    too_short = all(len(series) < SIXTH * least_samples(plant, series.sample_time)
-                    for series in recording.series)
-    return None if too_short else split(recording, SIXTH, 1)
+def second_split(recording: Recording, plant: Plant) -> tuple[Split, int] | None:
+    """Hold out another part where more happens in the first third than in the rest.
+
+    Every third series, if these move as the others, so that what happens in the first third is in
+    both parts; otherwise the second sixth of every series.
+
+    Returns:
+        As `held_out_split`; None where these parts are too short.
+    """
+    by_series, by_sixths = split_by_series(recording), split(recording, SIXTH, 1)
+    for parts, which in ((by_series, SERIES), (by_sixths, SIXTH)):
+        long_enough = any(len(series) >= least_samples(plant, series.sample_time)
+                          for series in parts[1].series)
+        if long_enough and (which == SIXTH or _moves_alike(parts, plant)):
+            return parts, which
+    return None
 
 
 def _moves_alike(parts: Split, plant: Plant) -> bool:

@@ -45,7 +45,6 @@ from hydro_twin.recording.series import Recording, split
 from hydro_twin.result import (
     Improvement,
     Memory,
-    SIXTH,
     THIRD,
     TraceResult,
 )
@@ -64,11 +63,11 @@ def trace(recording: Recording, test: Recording | None, plant: Plant,
 
     Args:
         recording: what is fitted.
-        test: what is not, and judges. None: the first third of every series of the recording.
-            Where the model fails there, more happens than in the rest, as in a sweep that begins
-            slowly; then the second sixth, and the first is fitted, if as much is found then.
-            Where a plant that integrates moves otherwise there than in the rest, another part,
-            see `held_out_split`.
+        test: what is not, and judges. None: the first third of every series of the recording, or
+            another part where the output moves otherwise there than in the rest, see
+            `held_out_split`. Where the model fails there, more happens than in the rest, as in a
+            sweep that begins slowly; then every third series, or the second sixth of each, see
+            `second_split`, if as much is found then.
         plant: the plant.
         constants: of the rig, where they differ from the plant's defaults.
         model: where to start, instead of a fresh fit of the linear plant.
@@ -101,8 +100,9 @@ def evidence(recording: Recording, test: Recording | None, plant: Plant,
     second = second_split(recording, plant)
     if second is None:
         return found
-    again = _search(*second, found.plant, constants, model, seed, progress, found.after.candidate)
-    return replace(again, tested=SIXTH) if again.additions >= found.additions else found
+    parts, tested = second
+    again = _search(*parts, found.plant, constants, model, seed, progress, found.after.candidate)
+    return replace(again, tested=tested) if again.additions >= found.additions else found
 
 
 def _with_memory(found: Evidence, model: Model, earlier: Recording, seed: int) -> Evidence:

@@ -8,6 +8,7 @@ from hydro_twin.fitting.given import conditional_on
 from hydro_twin.inference.evidence import Evidence
 from hydro_twin.inference.findings import Finding
 from hydro_twin.inference.probability import (
+    ABOVE_NOISE,
     coarsened_posterior,
     DOUBTFUL,
     min_null_probability,
@@ -42,7 +43,7 @@ def is_structured(found: Evidence, level: float) -> bool:
 
 
 def is_residual_large(found: Evidence, explained: float) -> bool:
-    """Whether the residual beside an effect is large, and cannot be noise.
+    """Whether the residual beside an effect is large, where it cannot be noise.
 
     Large relative to that of the linear model, or larger than what the effect explains: an effect
     that explains so little may only compensate for errors of other laws.
@@ -53,7 +54,7 @@ def is_residual_large(found: Evidence, explained: float) -> bool:
     """
     before, after, noise = (error**2 for error in (
         found.before.error, found.after.error, found.floor))
-    return found.exceeds_noise and after - noise > min(MUCH * (before - noise), explained * after)
+    return after - noise > min(MUCH * (before - noise), explained * after)
 
 
 def named_effects(found: Evidence) -> tuple[NamedEffect, ...]:
@@ -87,7 +88,8 @@ def _judge(found: Evidence, finding: Finding, reach: Mapping[Port, Span],
     samples = len(found.after.main.residual)
     explained = finding.share / (1.0 - min(finding.share, 1.0 - 1e-12))
     settled = explained * samples > TELLING and found.white and not is_structured(found, LIKELY)
-    unknown = SETTLED if settled else POOR if is_residual_large(found, explained) else DOUBTFUL
+    unknown = (SETTLED if settled else DOUBTFUL if not found.exceeds_noise else
+               POOR if is_residual_large(found, explained) else ABOVE_NOISE)
     among = coarsened_posterior({placed.effect.id: 0.0, **dict(rivals)}, samples)
     return NamedEffect(
         finding.index, placed, finding.p_value, finding.share, unknown,

@@ -50,8 +50,8 @@ def with_curve(selection: Selection, base: Fit, context: Context
         context: the data.
 
     Returns:
-        The selection, or one without its effects; the curve on top of it, if one helps; and the
-        selection whose place it took, if it did.
+        The selection, or one without some or all of its effects; the curve on top of it, if one
+        helps; and the selection with these effects, if it took their place.
     """
     parts, held_out, seed = context.parts, context.held_out, context.seed
     curves = free_curves(selection.fit, parts)
@@ -65,7 +65,10 @@ def with_curve(selection: Selection, base: Fit, context: Context
     if not found:
         return selection, None, None
     read = read_as_names(selection, found, base, context)
-    return (read, None, None) if read else (*_without_needless(selection, found, context), None)
+    if read:
+        return read, None, None
+    kept, found = _without_needless(selection, found, context)
+    return kept, found, selection if kept is not selection else None
 
 
 def read_as_names(selection: Selection, found: FittedCurve, base: Fit, context: Context
@@ -133,8 +136,9 @@ def _without_needless(selection: Selection, found: FittedCurve, context: Context
                       ) -> tuple[Selection, FittedCurve]:
     """Withdraw named effects that the curve contains, as a bias that is its constant part.
 
-    The least helpful first. But not one that explains by itself most of what the curve would in
-    its place, which then only describes it more finely.
+    The least helpful first. But not where the curve does not outweigh the names, or where the
+    effect explains by itself most of what the curve would in its place, which then only describes
+    it more finely.
     """
     bare = context.without(selection.fit, selection.indices)
     for k in sorted(range(len(bare)), key=lambda k: bare[k].error):
@@ -142,7 +146,8 @@ def _without_needless(selection: Selection, found: FittedCurve, context: Context
         instead = search(found.fit.candidate.without(index), context.parts, LONG)
         with_it, without_it = delta_bic([found.fit, instead])
         if (without_it < with_it + CLEARLY
-                and not explains_most(without, selection.fit, instead)):
+                and not explains_most(without, selection.fit, instead)
+                and outweighs(instead, selection.fit, context.held_out)):
             helps = held_out_gain(without, instead, context.held_out, context.seed)
             return _without_needless(Selection(without, other_findings(selection, k)),
                                      replace(found, fit=instead, gain=helps), context)

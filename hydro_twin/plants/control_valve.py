@@ -38,6 +38,6 @@ CONTROL_VALVE = Plant(
     equations=equations,
     at_rest=(),
     finest=0.02,        # five samples in the shortest lag that is physical
-    start_up=10.0,                              # three lags of a positioner, some 3 s
+    start_up=1.0,                               # shows where the stem is, which is measured
     output_range=(0.0, 1.0),                    # shut to open
 )

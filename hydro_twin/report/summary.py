@@ -25,14 +25,14 @@ from hydro_twin.result import (
 EVEN = 0.5              # probability that nothing is missing, up to which it is not said to be so
 COUNTED = 1000.0        # times the noise, beyond which a sentence gives no number: the noise of a
 #                         coarse encoder is almost nothing while it stands still
-OTHERWISE = 'which was not fitted; the first third of each moves otherwise than the rest'
+DIFFERS = 'which was not fitted; the first third of each differs from the rest'
 TESTED = {
     0: 'bags that were not fitted',
     THIRD: 'the first third of every series, which was not fitted',
     SIXTH: 'the second sixth of every series, which was not fitted; the first was, since more '
            'happens in the first third than in the rest',
-    SERIES: f'every third series, whole, {OTHERWISE}',
-    WINDOWS: f'every third window of at most 10 s, {OTHERWISE}',
+    SERIES: f'every third series, whole, {DIFFERS}',
+    WINDOWS: f'every third window of at most 10 s, {DIFFERS}',
 }
 
 

@@ -7,7 +7,7 @@ import pytest
 from hydro_twin.inference.splits import held_out_split, second_split
 from hydro_twin.plants import plant_named
 from hydro_twin.recording.series import Recording, Series
-from hydro_twin.result import SERIES, THIRD, WINDOWS
+from hydro_twin.result import SERIES, SIXTH, THIRD, WINDOWS
 
 T = 0.02
 
@@ -35,15 +35,27 @@ def test_an_axis_is_tested_where_it_moves_as_in_the_rest(series, expected):
     assert held_out + sum(map(len, train.series)) == sum(map(len, series))
 
 
-def test_a_plant_that_forgets_is_tested_in_the_first_third():
-    plant = plant_named('control_valve')
-    opening = moving(0.0, 1.0, -1.0)['x']
-    (_, test), found = held_out_split(Recording((Series({'opening': opening}, T),)), plant)
-    assert found == THIRD
-    assert np.ptp(test.series[0]['opening']) == 0.0
+@pytest.mark.parametrize(('series', 'expected'), [
+    (1, THIRD),                 # there are no windows where the plant forgets
+    (3, SERIES)])
+def test_a_plant_that_forgets_is_tested_where_it_moves_as_in_the_rest(series, expected):
+    opening = Series({'opening': moving(0.0, 1.0, -1.0)['x']}, T)
+    (_, test), found = held_out_split(Recording((opening,) * series), plant_named('control_valve'))
+    assert found == expected
+    assert (np.ptp(test.series[0]['opening']) > 0.0) == (expected == SERIES)
 
 
 @pytest.mark.parametrize(('seconds', 'enough'), [(1.0, False), (20.0, True)])
 def test_a_second_split_needs_sixths_that_can_be_scored(seconds, enough):
     recording = Recording((moving(1.0, seconds=seconds),))
     assert (second_split(recording, plant_named('cylinder')) is not None) == enough
+
+
+@pytest.mark.parametrize(('series', 'expected'), [
+    ([there_and_back()] * 3, SERIES),
+    ([there_and_back()], SIXTH),
+    ([there_and_back(), moving(0.0, 0.0), there_and_back()], SIXTH)])   # the second one stands
+def test_a_second_split_holds_out_series_that_move_as_the_others(series, expected):
+    parts = second_split(Recording(tuple(series)), plant_named('cylinder'))
+    assert parts is not None
+    assert parts[1] == expected

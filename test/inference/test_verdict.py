@@ -12,6 +12,7 @@ from hydro_twin.inference.evaluate import result_of
 from hydro_twin.inference.findings import Finding
 from hydro_twin.inference.noise import Burst, noise_floor
 from hydro_twin.inference.probability import (
+    ABOVE_NOISE,
     DOUBTFUL,
     min_null_probability,
     of_verdict,
@@ -141,7 +142,7 @@ def test_a_constant_torque_may_be_a_ripple_where_the_motor_hardly_turns(travel, 
 
 @pytest.mark.parametrize(('noise', 'missed', 'unknown'), [
     (0.2, 2.0, POOR),           # 5 times the noise, and a fourth of what was missed
-    (0.2, 4.0, DOUBTFUL),       # as much, but a sixteenth only
+    (0.2, 4.0, ABOVE_NOISE),    # as much, but a sixteenth only
     (0.5, 2.0, DOUBTFUL)])      # twice the noise, which may be coloured
 def test_a_name_is_doubtful_where_much_is_left_that_cannot_be_noise(
         rubbing, noise, missed, unknown):
@@ -151,7 +152,7 @@ def test_a_name_is_doubtful_where_much_is_left_that_cannot_be_noise(
     assert {one.law_unknown for one in named_effects(found)} == {unknown}
 
 
-@pytest.mark.parametrize(('share', 'unknown'), [(0.6, DOUBTFUL), (0.4, POOR)])
+@pytest.mark.parametrize(('share', 'unknown'), [(0.6, ABOVE_NOISE), (0.4, POOR)])
 def test_a_name_is_doubtful_where_more_is_left_than_it_explains(rubbing, share, unknown):
     """What is left is 0.96 of the mean square after it, and a twentieth of the one before."""
     before, after = (replace(rubbing.after, residual=error * np.ones(1000), lengths=(1000,))

@@ -65,6 +65,13 @@ def rotary_axis(v, x, u, d):
     return [torque / v['J'], omega], [command, torque, theta + d[2]], [omega, theta]
 
 
+def drive(v, x, u, d):
+    omega = x[0]
+    command = u[0] + d[0]
+    torque = command - v['B'] * omega + d[1]
+    return [torque / v['J']], [command, torque, omega + d[2]], [omega]
+
+
 def control_valve(v, x, u, d):
     y = x[0]
     command = u[0] + d[0]
@@ -74,7 +81,7 @@ def control_valve(v, x, u, d):
 
 
 @pytest.mark.parametrize('by_hand', [load_simulator, valve_servo, cylinder, positioning,
-                                     rotary_axis, control_valve])
+                                     rotary_axis, drive, control_valve])
 def test_matrices_are_the_laws_with_what_effects_add(by_hand):
     plant, v = PLANTS[by_hand.__name__], TYPICAL[by_hand.__name__]
     laws = plant.laws(v)

@@ -24,6 +24,8 @@ DEFAULTS = {   # the contract
     ('positioning', 'x'): ('/positioning/joint_states', 'position[0]'),
     ('rotary_axis', 'torque'): ('/rotary_axis/command', 'effort[0]'),
     ('rotary_axis', 'theta'): ('/rotary_axis/joint_states', 'position[0]'),
+    ('drive', 'torque'): ('/drive/command', 'effort[0]'),
+    ('drive', 'omega'): ('/drive/joint_states', 'velocity[0]'),
     ('control_valve', 'command'): ('/control_valve/command', 'position[0]'),
     ('control_valve', 'opening'): ('/control_valve/joint_states', 'position[0]'),
 }
