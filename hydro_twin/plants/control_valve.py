@@ -25,7 +25,7 @@ CONTROL_VALVE = Plant(
     output=Signal('opening', 'opening of the valve', '1'),
     states=('y',),
     parameters=(
-        Parameter('tau', 'lag of the positioner', 's', 0.3, 30.0, 0.1, 1e4),
+        Parameter('tau', 'lag of the positioner', 's', 0.3, 30.0, 3e-3, 1e4),
         Parameter('K', 'stroke per command', '1', 0.5, 2.0, 1e-3, 1e3),
     ),
     constants=(),
@@ -37,7 +37,7 @@ CONTROL_VALVE = Plant(
     ),
     equations=equations,
     at_rest=(),
-    finest=0.02,        # five samples in the shortest lag that is physical
+    finest=0.02,        # fifteen samples in the shortest lag of a positioner, 0.3 s
     start_up=1.0,                               # shows where the stem is, which is measured
     output_range=(0.0, 1.0),                    # shut to open
 )
