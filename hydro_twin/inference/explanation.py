@@ -17,7 +17,7 @@ from hydro_twin.fitting.parts import Part
 from hydro_twin.inference.beam import beam_search
 from hydro_twin.inference.context import Context
 from hydro_twin.inference.continuation import from_short_windows, with_rivals_of_short_windows
-from hydro_twin.inference.curve import FittedCurve
+from hydro_twin.inference.curve import FittedCurve, outweighs
 from hydro_twin.inference.findings import explained_share, other_findings, Selection
 from hydro_twin.inference.held_out import held_out_gain
 from hydro_twin.inference.noise import cannot_be_noise
@@ -71,7 +71,8 @@ def explain(base: Fit, context: Context, known: Sequence[Model]) -> Explanation:
         known: models with one effect more, to start from.
     """
     known = [*known, *from_short_windows(base, context)]
-    base, selection, _ = _selected(base, context, known)
+    base, named, _ = _selected(base, context, known)
+    selection = _supported(named, base, context)
     if is_discretisation_error(selection.fit, context.parts):
         return Explanation(base, selection, None, None)
     found = None
@@ -81,7 +82,21 @@ def explain(base: Fit, context: Context, known: Sequence[Model]) -> Explanation:
     if found is None:
         context.progress('trying free curves')
         found = Explanation(base, *with_curve(selection, base, context))
+        if found.found is not None and len(selection.findings) < len(named.findings):
+            found = _against_unsupported(found, named, context)
     return found._replace(selection=with_rivals_of_short_windows(found.selection, context))
+
+
+def _against_unsupported(found: Explanation, named: Selection, context: Context) -> Explanation:
+    """Weigh a curve against the names that were dropped since each explains too little.
+
+    Where no curve, of any signal at any port, outweighs them, they are no worse than any law that
+    is not in the library.
+    """
+    assert found.found is not None
+    if outweighs(found.found.fit, named.fit, context.held_out):
+        return found._replace(replaced=found.replaced or named)
+    return Explanation(found.base, named, None, None)
 
 
 def _by_likelihood(base: Fit, selection: Selection, context: Context) -> Explanation | None:
@@ -103,9 +118,10 @@ def _by_likelihood(base: Fit, selection: Selection, context: Context) -> Explana
                      effects=(*given, placed))
              for placed in selection.fit.candidate.effects[len(given):]]
     there, again, alternatives = _selected(search(base.candidate, white.parts, LONG), white, known)
+    again = _supported(again, there, white)
     wider = beam_search(again, there, alternatives, white)
     if wider is not again:
-        again = _finalised(wider, there, white)
+        again = _supported(_finalised(wider, white), there, white)
     again = _without_weak_dynamics(again, white, context)
     context.progress('trying free curves')
     again, found, replaced = with_curve(again, there, white)
@@ -173,7 +189,7 @@ def _selected(base: Fit, context: Context, known: Sequence[Model]
     """Add effects to a model one after another.
 
     Returns:
-        The base, fitted no worse than from the first effect; the selection; and the first
+        The base, fitted no worse than from the first effect; what passed all tests; and the first
         alternatives.
     """
     alternatives = fit_alternatives(base, context.parts, context.times, EVERY, True,
@@ -181,20 +197,25 @@ def _selected(base: Fit, context: Context, known: Sequence[Model]
     context.remember(*(alternative.fit for alternative in alternatives))
     grown = select_forward(Selection(base), alternatives, context)
     base = context.best(base)
-    selection = validated(grown, base, context)
-    return base, _finalised(selection, base, context), alternatives
+    return base, _finalised(validated(grown, base, context), context), alternatives
 
 
-def _finalised(selection: Selection, base: Fit, context: Context) -> Selection:
-    """Fit a selection with steps that are fine enough, and drop what explains too little.
+def _finalised(selection: Selection, context: Context) -> Selection:
+    """Fit a selection with steps that are fine enough.
 
     A search that goes further may end where an effect is no longer distinguished from a simpler
-    one, too.
+    one.
     """
+    if not selection.findings:
+        return selection
+    fine = with_fine_steps(selection.fit, context.parts, FINEST)
+    better = search(fine.candidate, context.parts, LAST)
+    better = search_sticking(better, context.parts)
+    return without_indistinct(replace(selection, fit=better), context)
+
+
+def _supported(selection: Selection, base: Fit, context: Context) -> Selection:
+    """Drop what explains too little; the same selection, if nothing does."""
     if selection.findings:
-        fine = with_fine_steps(selection.fit, context.parts, FINEST)
-        better = search(fine.candidate, context.parts, LAST)
-        better = search_sticking(better, context.parts)
-        selection = without_indistinct(replace(selection, fit=better), context)
         selection = without_unsupported(selection, base, context)
     return selection if selection.findings else Selection(base)

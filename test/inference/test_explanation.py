@@ -10,8 +10,10 @@ from hydro_twin.effects import EFFECTS
 from hydro_twin.fitting.coloured import is_coloured
 from hydro_twin.inference import explanation, screen
 from hydro_twin.inference.context import Context
+from hydro_twin.inference.curve import FittedCurve
 from hydro_twin.inference.explanation import explain
 from hydro_twin.inference.findings import finding, Selection
+from hydro_twin.inference.held_out import held_out_gain
 from hydro_twin.inference.search import search
 from hydro_twin.model import Model, place
 from hydro_twin.plants import plant_named
@@ -100,6 +102,26 @@ def test_other_effects_are_taken_if_they_are_surely_better(
     found = explain(*recorded, [])
     assert (found.fit.whitened is not None) == taken
     assert [placed.effect.id for placed in found.fit.candidate.effects] == ['dead_zone']
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize('curve_is_better', [True, False])
+def test_names_that_explain_too_little_stand_where_no_curve_outweighs_them(
+        recorded, monkeypatch, curve_is_better):
+    base, context = recorded
+    zone, linear = a_zone(base, context), Selection(search(base.candidate, context.parts, 40))
+    free, named = (zone, linear) if curve_is_better else (linear, zone)
+    named = replace(named, findings=zone.findings)
+    curve = FittedCurve(free.fit, held_out_gain(base, free.fit, context.held_out, 0), 0.0, ())
+    stub_searches(monkeypatch, lambda *_: named)
+    monkeypatch.setattr(explanation, 'is_coloured', lambda fit: False)
+    monkeypatch.setattr(explanation, 'without_unsupported', lambda *_: Selection(base))
+    monkeypatch.setattr(explanation, 'with_curve', lambda selection, *_: (selection, curve, None))
+    found = explain(base, context, [])
+    if curve_is_better:
+        assert (found.found, found.replaced) == (curve, named)
+    else:
+        assert (found.found, found.selection) == (None, named)
 
 
 @pytest.mark.slow
