@@ -90,13 +90,20 @@ def explain(base: Fit, context: Context, known: Sequence[Model]) -> Explanation:
 def _against_unsupported(found: Explanation, named: Selection, context: Context) -> Explanation:
     """Weigh a curve against the names that were dropped since each explains too little.
 
-    Where no curve, of any signal at any port, outweighs them, they are no worse than any law that
-    is not in the library.
+    Where no curve, of any signal at any port, outweighs them, they are no worse than any static
+    law that is not in the library.
     """
     assert found.found is not None
     if outweighs(found.found.fit, named.fit, context.held_out):
         return found._replace(replaced=found.replaced or named)
-    return Explanation(found.base, named, None, None)
+    kept = [_place(found.selection, k) for k in found.selection.indices]
+    return found._replace(found=None, replaced=None, selection=replace(named, findings=tuple(
+        replace(one, supported=_place(named, one.index) in kept) for one in named.findings)))
+
+
+def _place(selection: Selection, index: int) -> tuple[str, str]:
+    placed = selection.fit.candidate.effects[index]
+    return placed.effect.id, placed.port.name
 
 
 def _by_likelihood(base: Fit, selection: Selection, context: Context) -> Explanation | None:

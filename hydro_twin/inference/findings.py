@@ -23,6 +23,8 @@ class Finding:
         share: of the mean square error without it that it removes.
         rivals: other effects in its place with their delta BIC, best first.
         doubt: probability that it does not help on held-out data, where these do not prove it.
+        supported: whether it explains half of what is above the noise without it, where structure
+            remains.
     """
 
     index: int
@@ -30,6 +32,7 @@ class Finding:
     share: float
     rivals: tuple[tuple[Placed, float], ...]
     doubt: float = 0.0
+    supported: bool = True
 
 
 @dataclass(frozen=True)

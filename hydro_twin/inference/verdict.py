@@ -87,9 +87,7 @@ def _judge(found: Evidence, finding: Finding, reach: Mapping[Port, Span],
     rivals = _by_id(finding, placed.effect.id, alike)
     samples = len(found.after.main.residual)
     explained = finding.share / (1.0 - min(finding.share, 1.0 - 1e-12))
-    settled = explained * samples > TELLING and found.white and not is_structured(found, LIKELY)
-    unknown = (SETTLED if settled else DOUBTFUL if not found.exceeds_noise else
-               POOR if is_residual_large(found, explained) else ABOVE_NOISE)
+    unknown = _law_unknown(found, explained, samples) if finding.supported else POOR
     among = coarsened_posterior({placed.effect.id: 0.0, **dict(rivals)}, samples)
     return NamedEffect(
         finding.index, placed, finding.p_value, finding.share, unknown,
@@ -99,6 +97,21 @@ def _judge(found: Evidence, finding: Finding, reach: Mapping[Port, Span],
         other_ports=other_ports, rivals=rivals,
         given={name: held[key] for name in placed.named
                if (key := f'{finding.index}:{name}') in held})
+
+
+def _law_unknown(found: Evidence, explained: float, samples: int) -> float:
+    """Return how often an effect was named in the place of a law outside the library.
+
+    Args:
+        found: the evidence.
+        explained: mean square that the effect explains, over that which is left.
+        samples: that were fitted.
+    """
+    if explained * samples > TELLING and found.white and not is_structured(found, LIKELY):
+        return SETTLED
+    if not found.exceeds_noise:
+        return DOUBTFUL
+    return POOR if is_residual_large(found, explained) else ABOVE_NOISE
 
 
 def _alike(plant: Plant, winner: str, ports: tuple[str, ...], reach: Mapping[Port, Span]

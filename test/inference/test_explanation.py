@@ -121,7 +121,8 @@ def test_names_that_explain_too_little_stand_where_no_curve_outweighs_them(
     if curve_is_better:
         assert (found.found, found.replaced) == (curve, named)
     else:
-        assert (found.found, found.selection) == (None, named)
+        assert (found.found, found.selection.fit) == (None, named.fit)
+        assert [one.supported for one in found.selection.findings] == [False]
 
 
 @pytest.mark.slow
