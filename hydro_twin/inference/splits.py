@@ -41,19 +41,18 @@ def held_out_split(recording: Recording, plant: Plant) -> tuple[Split, int]:
 def second_split(recording: Recording, plant: Plant) -> tuple[Split, int] | None:
     """Hold out another part where more happens in the first third than in the rest.
 
-    Every third series, if these move as the others, so that what happens in the first third is in
-    both parts; otherwise the second sixth of every series.
+    Every third series, if there are three and these move as the others, so that what happens in
+    the first third is in both parts; otherwise the second sixth of every series.
 
     Returns:
         As `held_out_split`; None where these parts are too short.
     """
     by_series, by_sixths = split_by_series(recording), split(recording, SIXTH, 1)
-    for parts, which in ((by_series, SERIES), (by_sixths, SIXTH)):
-        long_enough = any(len(series) >= least_samples(plant, series.sample_time)
-                          for series in parts[1].series)
-        if long_enough and (which == SIXTH or _moves_alike(parts, plant)):
-            return parts, which
-    return None
+    if len(recording.series) > 2 and _moves_alike(by_series, plant):
+        return by_series, SERIES
+    too_short = all(len(series) < least_samples(plant, series.sample_time)
+                    for series in by_sixths[1].series)
+    return None if too_short else (by_sixths, SIXTH)
 
 
 def _moves_alike(parts: Split, plant: Plant) -> bool:
