@@ -9,6 +9,8 @@ from traced_rig import fitted, PLANT, record
 from hydro_twin.effects.curve import curve, KNOTS, values
 from hydro_twin.fitting.parts import Part
 from hydro_twin.fitting.unknowns import effect_unknowns
+from hydro_twin.inference import weighing
+from hydro_twin.inference.context import Context
 from hydro_twin.inference.curve import (
     find_curve,
     has_equivalent_law,
@@ -17,10 +19,12 @@ from hydro_twin.inference.curve import (
     LARGEST,
     signal_range,
 )
+from hydro_twin.inference.findings import finding, Selection
 from hydro_twin.inference.passing import effect_signals
 from hydro_twin.inference.screen import spans
 from hydro_twin.inference.search import search
 from hydro_twin.inference.structure import free_curves, is_significant_dependence
+from hydro_twin.inference.weighing import with_curve
 from hydro_twin.model import Model, place
 from hydro_twin.plants import plant_named
 
@@ -88,6 +92,29 @@ def test_a_law_keeps_its_name_if_it_explains_most_of_the_curve_there(uneven, fou
     assert not is_better(found, fit, right, curves, test, 0)
     assert is_better(found, fit, wrong, curves, test, 0)
     assert has_equivalent_law((found.placed.port, found.placed.effect.reads[0]), wrong, curves)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize('heavier', [True, False])
+def test_a_name_beside_a_curve_goes_only_if_that_outweighs_it(uneven, found, monkeypatch, heavier):
+    """The dead zone is not there, and helps a little without the curve."""
+    fit, train, test, _ = uneven
+    zone = place('dead_zone', 'spool', {'width': 1e-6}, PLANT)
+    named = search(replace(fit.candidate, effects=(zone,)), train, 40)
+    selection = Selection(named, (finding(fit, named, (), 0),))
+    beside = search(replace(fit.candidate, effects=(zone, found.placed)), train, 40)
+    monkeypatch.setattr(weighing, 'find_curve', lambda *_: replace(found, fit=beside))
+    monkeypatch.setattr(weighing, '_contested', lambda *_: False)
+    monkeypatch.setattr(weighing, 'read_as_names', lambda *_: None)
+    if not heavier:
+        monkeypatch.setattr(weighing, 'outweighs', lambda *_: False)
+    kept, curve_found, replaced = with_curve(
+        selection, fit, Context(train, test, (0.0, 1.0), 0, lambda _: None))
+    assert curve_found is not None
+    if heavier:
+        assert (kept.findings, replaced) == ((), selection)
+    else:
+        assert (kept, replaced) == (selection, None)
 
 
 @pytest.mark.parametrize(('shape', 'constant'), [
