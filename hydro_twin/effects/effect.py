@@ -53,6 +53,8 @@ class Span:
         measured: least and largest output in all that was recorded, but for a hundredth of it.
         lasting: for how many samples in a row the value is near its least or its largest.
         duration: of the longest part [s].
+        added_swing: how far what the effect adds goes from its least to its largest in one part;
+            found by a slow run, so only where it is asked for.
     """
 
     ranges: Sequence[tuple[float, float]]
@@ -62,6 +64,7 @@ class Span:
     sample_time: float
     lasting: int
     duration: float = math.inf
+    added_swing: Callable[[], float] = lambda: 0.0
 
     @property
     def low(self) -> float:

@@ -4,6 +4,9 @@ from __future__ import annotations
 from hydro_twin.compiled import compiled
 from hydro_twin.effects.effect import Effect, EffectParameter, Quantity, Span, Starts
 
+MET = 1.9               # half widths between the least and the largest shift of a loop met on both
+#                         sides: 2, but for what it keeps before the first scored sample
+
 
 @compiled
 def law(v, s, p, z, h, c, z_next):  # type: ignore[no-untyped-def]
@@ -29,9 +32,13 @@ def refined(span: Span, values: tuple[float, ...]) -> Starts:
 
 
 def distinguishable(span: Span, values: tuple[float, ...]) -> bool:
-    """Distinguish a loop that is crossed from a constant that depends on where a run starts."""
+    """Distinguish a loop that is crossed from a constant that depends on where a run starts.
+
+    It surely is where the value moves by more than the loop behind it; otherwise, if it is met on
+    both sides.
+    """
     width, slope = values
-    return 2.0 * width < slope * span.swing
+    return 2.0 * width < slope * span.swing or MET * width < span.added_swing()
 
 
 EFFECT = Effect(

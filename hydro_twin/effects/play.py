@@ -3,6 +3,7 @@ from __future__ import annotations
 
 from hydro_twin.compiled import compiled
 from hydro_twin.effects.effect import Effect, EffectParameter, Span, Starts
+from hydro_twin.effects.hysteresis import MET
 
 
 @compiled
@@ -19,8 +20,11 @@ def starts(span: Span) -> Starts:
 
 
 def distinguishable(span: Span, values: tuple[float, ...]) -> bool:
-    """Distinguish a play that is crossed from a follower that stays where a run starts."""
-    return 2.0 * values[0] < span.swing
+    """Distinguish a play that is crossed from a follower that stays where a run starts.
+
+    As a `hysteresis`, which is the same law of a command.
+    """
+    return 2.0 * values[0] < span.swing or MET * values[0] < span.added_swing()
 
 
 EFFECT = Effect(

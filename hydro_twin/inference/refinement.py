@@ -12,6 +12,7 @@ from hydro_twin.fitting.fit import Fit
 from hydro_twin.fitting.parts import Part
 from hydro_twin.fitting.unknowns import label
 from hydro_twin.inference.criterion import CLEARLY, refinement_gain
+from hydro_twin.inference.passing import effect_signals
 from hydro_twin.inference.screen import spans
 from hydro_twin.inference.search import LONG, search_all, search_all_sticking, SHORT
 from hydro_twin.inference.starts import with_other
@@ -95,5 +96,12 @@ def _forms(fit: Fit, parts: Sequence[Part], index: int) -> list[Model]:
 def is_distinguishable(fit: Fit, parts: Sequence[Part], index: int = -1) -> bool:
     """Whether the recording distinguishes an effect, as fitted, from a simpler one."""
     placed = fit.candidate.effects[index]
-    return placed.effect.distinguishable is None or placed.effect.distinguishable(
-        spans(fit.candidate, parts)[placed.port], placed.values)
+    if placed.effect.distinguishable is None:
+        return True
+
+    def added_swing() -> float:
+        runs = (effect_signals(fit.candidate, placed, part).added for part in parts)
+        return max(float(np.ptp(run[fit.candidate.start_up:])) for run in runs)
+
+    return placed.effect.distinguishable(
+        replace(spans(fit.candidate, parts)[placed.port], added_swing=added_swing), placed.values)
