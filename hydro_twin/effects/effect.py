@@ -64,7 +64,7 @@ class Span:
     sample_time: float
     lasting: int
     duration: float = math.inf
-    added_swing: Callable[[], float] = lambda: 0.0
+    added_swing: Callable[[], float] = float
 
     @property
     def low(self) -> float:
