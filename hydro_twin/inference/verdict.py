@@ -110,7 +110,7 @@ def _law_unknown(found: Evidence, explained: float, samples: int) -> float:
     if explained * samples > TELLING and found.white and not is_structured(found, LIKELY):
         return SETTLED
     if not found.exceeds_noise:
-        return DOUBTFUL
+        return DOUBTFUL if found.found is None else ABOVE_NOISE
     return POOR if is_residual_large(found, explained) else ABOVE_NOISE
 
 

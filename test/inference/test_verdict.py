@@ -8,6 +8,7 @@ from scipy.signal import lfilter
 from trace_by_hand import candidate, evidence
 
 from hydro_twin.fitting.parts import Part
+from hydro_twin.inference.curve import FittedCurve
 from hydro_twin.inference.evaluate import result_of
 from hydro_twin.inference.findings import Finding
 from hydro_twin.inference.noise import Burst, noise_floor
@@ -150,6 +151,13 @@ def test_a_name_is_doubtful_where_much_is_left_that_cannot_be_noise(
                      for error in (missed, 1.0))
     found = replace(rubbing, white=False, before=before, after=after, floor=noise)
     assert {one.law_unknown for one in named_effects(found)} == {unknown}
+
+
+def test_a_name_beside_a_curve_is_less_probable(rubbing):
+    found = replace(rubbing, white=False)
+    beside = replace(found, found=FittedCurve(rubbing.after, rubbing.improvement, 0.0, ()))
+    assert [{one.law_unknown for one in named_effects(traced)} for traced in (found, beside)] == [
+        {DOUBTFUL}, {ABOVE_NOISE}]
 
 
 @pytest.mark.parametrize(('share', 'unknown'), [(0.6, ABOVE_NOISE), (0.4, POOR)])
