@@ -17,7 +17,7 @@ SAMPLES = 1000.0        # as many decide between two laws: 20 of BIC, of 3000 sa
 # Share of the development rigs on which the law was another than those named ...
 SETTLED = 0.005         # ... where no test found anything in the residual
 DOUBTFUL = 0.05         # ... where one did
-ABOVE_NOISE = 0.15      # ... where more is left than noise, or a curve without a name stands beside
+ABOVE_NOISE = 0.15      # ... where more is left than noise, or a free curve stands beside
 POOR = 0.65             # ... and where much is left that cannot be noise
 # Share on which an effect showed although nothing was found, and none although something was left.
 MISSED = 0.15
