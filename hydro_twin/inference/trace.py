@@ -325,13 +325,20 @@ def _times(parts: Sequence[Part], sample_time: float) -> tuple[float, float]:
 def _gain(before: Fit, after: Fit, test: Recording, seed: int) -> tuple[Improvement, bool]:
     """Compare two models on held-out data.
 
+    By the free run, or by the error over a horizon: where the start decides a free run, and where
+    a free run improves, but by its start alone not for sure.
+
     Returns:
         The improvement, and whether it is that of the error over a horizon.
     """
     then, by_horizon = judged_errors(after.candidate, test)
-    first = (errors_over_horizon(before.candidate, test) if by_horizon else
-             errors_by_series(Analytical(before.candidate), test.series, 'free_run'))
-    return improvement(first, then, seed), by_horizon
+    if not by_horizon:
+        first = errors_by_series(Analytical(before.candidate), test.series, 'free_run')
+        gain = improvement(first, then, seed)
+        if gain.low > 0.0 or not gain.relative > 0.0:
+            return gain, False
+        then = errors_over_horizon(after.candidate, test)
+    return improvement(errors_over_horizon(before.candidate, test), then, seed), True
 
 
 def _on_all(found: FittedCurve, after: Fit, data: _Data, seed: int) -> FittedCurve | None:
