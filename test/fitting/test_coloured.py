@@ -47,12 +47,13 @@ def test_is_generalised_least_squares():
     n, memory = 3000, 0.9
     rng = np.random.default_rng(3)
     command = np.repeat(rng.uniform(0.0, 1.0, n // 5), 5)
-    true = Model(VALVE, {'tau': 0.3, 'K': 1.0}, 0.1)
+    valve = replace(VALVE, start_up=10.0)       # by then the state at the start is forgotten
+    true = Model(valve, {'tau': 0.3, 'K': 1.0}, 0.1)
     shape = true.system.run(command[:, None], np.array([0.0]))
     start = true.system.free_response(n)[:, 0]
     part = Part(command[:, None], shape + coloured(5, n, memory, 0.3),
                 filters=(np.array([1.0, -memory]),))
-    unknowns = [u for u in plant_unknowns(VALVE, 'physical') if u.name == 'K']
+    unknowns = [u for u in plant_unknowns(valve, 'physical') if u.name == 'K']
     found = Problem(true, unknowns, [part]).solve(tolerance=1e-12)
     X = np.column_stack([shape, start])
     W = np.linalg.inv(np.linalg.cholesky(toeplitz(memory ** np.arange(n))))[true.start_up:]

@@ -216,7 +216,8 @@ def wrong_in(found):
     """Name what does not hold of a result, as it is written: strict JSON, of the schema."""
     report = json.loads(json.dumps(summarise(found), allow_nan=False))
     improvement = report['improvement']
-    before, after = (report[when]['free_run']['test'] for when in ('before', 'after'))
+    judged = 'free_run' if report['horizon_s'] is None else 'horizon'
+    before, after = (report[when][judged]['test'] for when in ('before', 'after'))
     return failed({
         'schema': fault(report, 'report') == '',
         'verdict': report['verdict'] in ('effect_found', 'nothing_missing', 'unexplained'),

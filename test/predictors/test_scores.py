@@ -72,7 +72,7 @@ def test_a_part_in_the_midst_of_a_motion_is_scored_in_the_run_of_its_series():
 def test_the_start_up_is_a_time():
     for plant in PLANTS.values():
         assert plant.start_samples(plant.sample_time) == (
-            10 if plant.name == 'control_valve' else 50)
+            4 if plant.name == 'control_valve' else 50)
     assert CYLINDER.start_samples(0.05) == 6            # few, but enough for its two states
     assert CYLINDER.start_samples(0.001) == 100
     time = 0.05 * np.arange(40)
