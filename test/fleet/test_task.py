@@ -83,8 +83,10 @@ def test_the_command_makes_the_same_trace(folder, tmp_path, monkeypatch):
     known = {name: (p['value'], p['std_error'])
              for name, p in report['parameters']['after'].items() if p['std_error']}
     assert known
+    # Where a search ends within its tolerance depends on rounding, and so on where arrays lie.
     assert {name: (one['value'], one['std_error'])
-            for name, one in record_['estimates'].items()} == known
+            for name, one in record_['estimates'].items()} == {
+                name: pytest.approx(two, rel=1e-4) for name, two in known.items()}
 
 
 def test_the_factor_has_the_standard_errors_of_the_estimates():
