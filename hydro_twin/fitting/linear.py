@@ -83,7 +83,8 @@ def beyond_the_box(fit: Fit, parts: Sequence[Part]) -> Fit:
     if not fit.at_bound():
         return fit
     plant = fit.candidate.plant
-    (wider,) = solve_all([Problem(fit.candidate, plant_unknowns(plant, 'range'), parts)])
+    unknowns = plant_unknowns(plant, 'range', fit.candidate.sample_time)
+    (wider,) = solve_all([Problem(fit.candidate, unknowns, parts)])
     return wider if wider.error < OUTSIDE * fit.error else fit
 
 

@@ -79,7 +79,7 @@ def put(candidate: Model, unknowns: Sequence[Unknown], values: Sequence[float]) 
                       for placed, named in zip(candidate.effects, effects, strict=True)))
 
 
-def plant_unknowns(plant: Plant, within: str) -> list[Unknown]:
+def plant_unknowns(plant: Plant, within: str, sample_time: float = 0.0) -> list[Unknown]:
     """List the parameters of a plant as unknowns.
 
     Args:
@@ -87,12 +87,13 @@ def plant_unknowns(plant: Plant, within: str) -> list[Unknown]:
         within: 'box', all of them within the search box; 'range', all within the physical range;
             or 'physical', within that, and of each combination that acts only together all but
             one left where they are.
+        sample_time: of what is fitted [s], see `Parameter.least_samples`.
     """
     if within == 'box':
         return [Unknown(p.name, '', p.lower, p.upper, True) for p in plant.parameters]
     left = left_alone(plant) if within == 'physical' else set()
-    return [Unknown(p.name, '', p.minimum, p.maximum, True) for p in plant.parameters
-            if p.name not in left]
+    return [Unknown(p.name, '', max(p.minimum, p.least_samples * sample_time), p.maximum, True)
+            for p in plant.parameters if p.name not in left]
 
 
 def left_alone(plant: Plant) -> set[str]:

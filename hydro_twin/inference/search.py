@@ -77,7 +77,7 @@ def searched(candidate: Model) -> list[Unknown]:
     """List the unknowns of a candidate, see `search`."""
     plant = candidate.plant
     delayed = any(placed.effect.shifts for placed in candidate.effects)
-    unknowns = plant_unknowns(plant, 'physical')
+    unknowns = plant_unknowns(plant, 'physical', candidate.sample_time)
     unknowns += [] if delayed else timing_unknowns(candidate)
     held = max((k for k, placed in enumerate(candidate.effects) if not placed.effect.explains),
                default=0)

@@ -25,7 +25,8 @@ CONTROL_VALVE = Plant(
     output=Signal('opening', 'opening of the valve', '1'),
     states=('y',),
     parameters=(
-        Parameter('tau', 'lag of the positioner', 's', 0.3, 30.0, 3e-3, 1e4),
+        Parameter('tau', 'lag of the positioner', 's', 0.3, 30.0, 3e-3, 1e4,
+                  least_samples=0.1),
         Parameter('K', 'stroke per command', '1', 0.5, 2.0, 1e-3, 1e3),
     ),
     constants=(),

@@ -29,6 +29,8 @@ class Parameter:
     Attributes:
         lower, upper: the box in which an optimiser looks for it.
         minimum, maximum: the physical range; a model with a value outside it is refused.
+        least_samples: least value of a time constant in a fit, in sample times: a shorter one does
+            not show, and time steps are too long for what effects add beside it.
     """
 
     name: str
@@ -38,6 +40,7 @@ class Parameter:
     upper: float
     minimum: float
     maximum: float
+    least_samples: float = 0.0
 
     def check(self, value: float) -> None:
         """Refuse a value outside the physical range.

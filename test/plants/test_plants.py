@@ -5,6 +5,7 @@ import pytest
 from scipy import signal
 
 from hydro_twin.errors import ModelError, UserError
+from hydro_twin.fitting.unknowns import plant_unknowns
 from hydro_twin.plants import plant_named, PLANTS
 
 TYPICAL = {name: {p.name: (p.lower * p.upper) ** 0.5 for p in plant.parameters}
@@ -228,3 +229,10 @@ def test_a_plant_of_one_integrator_integrates():
         parameters=tuple(p for p in cylinder.parameters if p.name == 'K_v'),
         ports=tuple(p for p in cylinder.ports if p.name in ('command', 'sensor')))
     assert plant.integrates
+
+
+def test_a_lag_that_no_sample_shows_is_not_fitted():
+    valve = PLANTS['control_valve']
+    for sample_time, least in ((1.0, 0.1), (0.02, 3e-3)):
+        tau = next(u for u in plant_unknowns(valve, 'physical', sample_time) if u.name == 'tau')
+        assert tau.lower == pytest.approx(least)
