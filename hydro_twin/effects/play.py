@@ -3,7 +3,7 @@ from __future__ import annotations
 
 from hydro_twin.compiled import compiled
 from hydro_twin.effects.effect import Effect, EffectParameter, Span, Starts
-from hydro_twin.effects.hysteresis import MET
+from hydro_twin.effects.hysteresis import distinguishable as is_loop_crossed
 
 
 @compiled
@@ -22,9 +22,9 @@ def starts(span: Span) -> Starts:
 def distinguishable(span: Span, values: tuple[float, ...]) -> bool:
     """Distinguish a play that is crossed from a follower that stays where a run starts.
 
-    As a `hysteresis`, which is the same law of a command.
+    As a hysteresis of slope 1, which is the same law of a command.
     """
-    return 2.0 * values[0] < span.swing or MET * values[0] < span.added_swing()
+    return is_loop_crossed(span, (values[0], 1.0))
 
 
 EFFECT = Effect(

@@ -70,10 +70,10 @@ class Context:
             bare = fit.candidate.without(index)
             starts.append([bare])
             if known := self.fits.get(effects_of(bare)):
-                placed = {_name(p): p for p in known.candidate.effects}
+                placed = {name_at_port(p): p for p in known.candidate.effects}
                 starts[-1].append(replace(
                     known.candidate, substeps=bare.substeps,
-                    effects=tuple(placed[_name(p)] for p in bare.effects)))
+                    effects=tuple(placed[name_at_port(p)] for p in bare.effects)))
         fits = search_all([start for some in starts for start in some], self.parts, LONG)
         best = [min(islice(fits, len(some)), key=lambda fit: fit.cost) for some in starts]
         self.remember(*best)
@@ -82,9 +82,9 @@ class Context:
 
 def effects_of(candidate: Model) -> frozenset[str]:
     """Name the effects of a candidate with their ports, in whatever order."""
-    return frozenset(map(_name, candidate.effects))
+    return frozenset(map(name_at_port, candidate.effects))
 
 
-def _name(placed: Placed) -> str:
+def name_at_port(placed: Placed) -> str:
     """Name an effect with its port."""
     return f'{placed.effect.id} {placed.port.kind} {placed.port.name}'

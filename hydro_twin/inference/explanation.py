@@ -15,7 +15,7 @@ from hydro_twin.fitting.coloured import as_measured, is_coloured, whitened
 from hydro_twin.fitting.fit import Fit
 from hydro_twin.fitting.parts import Part
 from hydro_twin.inference.beam import beam_search
-from hydro_twin.inference.context import Context
+from hydro_twin.inference.context import Context, effects_of, name_at_port
 from hydro_twin.inference.continuation import from_short_windows, with_rivals_of_short_windows
 from hydro_twin.inference.curve import FittedCurve, outweighs
 from hydro_twin.inference.findings import explained_share, other_findings, Selection
@@ -96,14 +96,10 @@ def _against_unsupported(found: Explanation, named: Selection, context: Context)
     assert found.found is not None
     if outweighs(found.found.fit, named.fit, context.held_out):
         return found._replace(replaced=found.replaced or named)
-    kept = [_place(found.selection, k) for k in found.selection.indices]
+    kept, effects = effects_of(found.selection.fit.candidate), named.fit.candidate.effects
     return found._replace(found=None, replaced=None, selection=replace(named, findings=tuple(
-        replace(one, supported=_place(named, one.index) in kept) for one in named.findings)))
-
-
-def _place(selection: Selection, index: int) -> tuple[str, str]:
-    placed = selection.fit.candidate.effects[index]
-    return placed.effect.id, placed.port.name
+        replace(one, supported=name_at_port(effects[one.index]) in kept)
+        for one in named.findings)))
 
 
 def _by_likelihood(base: Fit, selection: Selection, context: Context) -> Explanation | None:
@@ -223,6 +219,5 @@ def _finalised(selection: Selection, context: Context) -> Selection:
 
 def _supported(selection: Selection, base: Fit, context: Context) -> Selection:
     """Drop what explains too little; the same selection, if nothing does."""
-    if selection.findings:
-        selection = without_unsupported(selection, base, context)
-    return selection if selection.findings else Selection(base)
+    kept = without_unsupported(selection, base, context)
+    return kept if kept.findings else Selection(base)
