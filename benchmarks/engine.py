@@ -115,7 +115,7 @@ def alone(fit: Problem) -> float:
     system = fit.base.system
     x, z = np.zeros(PLANT.order), np.zeros(system.memory)
     compiling, _ = timed(lambda: system.run(part.inputs, x, z), 1)
-    by, _ = fit.directions(fit.base, system)
+    by, _ = fit.directions(fit.base)
     tangents = [tangent_of(system, by)]
 
     edges = np.array([0, len(part.inputs)])

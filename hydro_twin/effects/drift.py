@@ -3,6 +3,9 @@ from __future__ import annotations
 
 import math
 
+import numpy as np
+
+from hydro_twin.arrays import FloatArray
 from hydro_twin.effects.effect import Course, Effect, EffectParameter, Span, Starts
 from hydro_twin.plants.plant import PARAMETER
 
@@ -16,8 +19,8 @@ STEP = 1e-6             # of the differences, relative; what is left out is its 
 Values = tuple[float, ...]
 
 
-def factor(values: Values, time: float) -> float:
-    """Return the value at a stamp [s] over the last one, between `LEAST` and its inverse.
+def factor(values: Values, time: FloatArray) -> FloatArray:
+    """Return the value at stamps [s] over the last one, between `LEAST` and its inverse.
 
     From b = begin + idle to e = end it goes as 1 - rate (e - b) w, where w falls from 1 to 0 in a
     straight line, or with a time constant as a first-order lag settles.
@@ -25,15 +28,16 @@ def factor(values: Values, time: float) -> float:
     rate, idle, time_constant, begin, end = values
     since = begin + idle
     if not since < end:
-        return 1.0
+        return np.ones_like(time)
     spread = end - since
-    passed = min(max(time - since, 0.0), spread)
+    passed = np.clip(time - since, 0.0, spread)
     if spread < STRAIGHT * time_constant:
         left = 1.0 - passed / spread
     else:
-        left = (math.exp(-passed / time_constant) * math.expm1((passed - spread) / time_constant)
+        left = (np.exp(-passed / time_constant) * np.expm1((passed - spread) / time_constant)
                 / math.expm1(-spread / time_constant))
-    return min(max(1.0 - rate * spread * left, LEAST), 1.0 / LEAST)
+    found: FloatArray = np.clip(1.0 - rate * spread * left, LEAST, 1.0 / LEAST)
+    return found
 
 
 def distinguishable(_: Span, values: Values) -> bool:
@@ -42,21 +46,23 @@ def distinguishable(_: Span, values: Values) -> bool:
     That acts where the recording begins or ends, and not with time: a dead zone
     that only the first steps are within.
     """
-    return LEAST < factor(values, values[3]) < 1.0 / LEAST
+    return LEAST < float(factor(values, np.array(values[3]))) < 1.0 / LEAST
 
 
-def slopes(values: Values, time: float) -> Values:
+def slopes(values: Values, time: FloatArray) -> FloatArray:
     """Differentiate the factor by the parameters, by differences; begin and end are fixed."""
     rate, _, time_constant, begin, end = values
 
-    def slope(index: int, step: float) -> float:
+    def slope(index: int, step: float) -> FloatArray:
         above, below = (factor((*values[:index], values[index] + way * step, *values[index + 1:]),
                                time) for way in (1.0, -1.0))
         return (above - below) / (2.0 * step)
 
     spread = end - begin
-    return (slope(0, max(STEP * abs(rate), STEP / spread)), slope(1, STEP * spread),
-            0.0 if math.isinf(time_constant) else slope(2, STEP * time_constant), 0.0, 0.0)
+    still = np.zeros_like(time)
+    return np.stack([
+        slope(0, max(STEP * abs(rate), STEP / spread)), slope(1, STEP * spread),
+        still if math.isinf(time_constant) else slope(2, STEP * time_constant), still, still])
 
 
 def interval(values: Values) -> tuple[float, float]:

@@ -6,6 +6,7 @@ from dataclasses import dataclass, replace
 import math
 from typing import Any
 
+from hydro_twin.arrays import FloatArray
 from hydro_twin.plants.plant import Plant, Port
 
 
@@ -114,13 +115,13 @@ class Course:
     """How a parameter of the plant goes over time, as a factor on its last value.
 
     Attributes:
-        factor: parameters of the effect, stamp [s] -> the factor.
-        slopes: the same -> its derivatives by the parameters.
+        factor: parameters of the effect, K stamps [s] -> the factor, (K,).
+        slopes: the same -> its derivatives by the P parameters, (P, K).
         interval: parameters of the effect -> the stamps [s] between which it changes.
     """
 
-    factor: Callable[[tuple[float, ...], float], float]
-    slopes: Callable[[tuple[float, ...], float], tuple[float, ...]]
+    factor: Callable[[tuple[float, ...], FloatArray], FloatArray]
+    slopes: Callable[[tuple[float, ...], FloatArray], FloatArray]
     interval: Callable[[tuple[float, ...]], tuple[float, float]]
 
 

@@ -107,7 +107,7 @@ def fitted_residuals(model: Model, parts: Sequence[Part], initial: InitialStates
         parts: over which.
         initial: states near which to fit; None: as estimated from the first samples.
     """
-    tangents = tangents_of(model.system, lambda _: NONE)
+    tangents = tangents_of(model.system, NONE)
 
     def run_from(which: IntArray, initial: InitialStates, weights: FloatArray | None
                  ) -> Eliminated:

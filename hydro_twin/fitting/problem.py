@@ -21,7 +21,6 @@ from hydro_twin.fitting.unknowns import coordinates_of, get, log_search_box, put
 from hydro_twin.model import Model
 from hydro_twin.parallel import in_processes
 from hydro_twin.predictors.sensitivities import FREE, OutputFeedback, run_with_sensitivities
-from hydro_twin.predictors.system import System
 from hydro_twin.predictors.tangents import Directions, tangents_of
 
 BOX = 3e-3              # weight of the search box, see `Problem`
@@ -138,20 +137,20 @@ class Problem:
         values = [u.value(float(c)) for u, c in zip(self.unknowns, coordinates, strict=True)]
         return put(self.base, self.unknowns, values)
 
-    def directions(self, candidate: Model, stage: System) -> tuple[Directions, list[int]]:
+    def directions(self, candidate: Model) -> tuple[Directions, list[int]]:
         """Say how a run moves with the coordinates, and which of them each column is.
 
         Args:
             candidate: what is run.
-            stage: of its system, since what a parameter that drifts is worth changes.
         """
+        stages = candidate.system.stages
         plant, laws, shifts = [], [], []
         T, inputs = candidate.sample_time, candidate.plant.inputs
         for k, unknown in enumerate(self.unknowns):
             worth = get(candidate, unknown) if unknown.log else unknown.scale
             if unknown.owner == '':
-                factor = stage.values[unknown.name] / candidate.values[unknown.name]
-                plant.append((k, (unknown.name, factor * worth)))
+                values = np.array([stage.values[unknown.name] for stage in stages])
+                plant.append((k, (unknown.name, values / candidate.values[unknown.name] * worth)))
             elif unknown.owner == 'timing':
                 shifts.append((k, [worth / T * (signal.name == unknown.name)
                                    for signal in inputs]))
@@ -159,8 +158,8 @@ class Problem:
                 placed = candidate.effects[int(unknown.owner)]
                 effect, begin = placed.effect, candidate.system.begins[int(unknown.owner)]
                 if effect.course is not None:
-                    name = placed.port.name
-                    slope = effect.course.slopes(placed.values, stage.time)[
+                    name, times = placed.port.name, np.array([stage.time for stage in stages])
+                    slope = effect.course.slopes(placed.values, times)[
                         list(placed.named).index(unknown.name)]
                     plant.append((k, (name, candidate.values[name] * slope * worth)))
                 elif begin < 0:
@@ -184,8 +183,8 @@ class Problem:
         """
         candidate = self.candidate(coordinates)
         system, response = candidate.system, linear_response(candidate)
-        by, order = self.directions(candidate, system)
-        tangents = tangents_of(system, lambda stage: self.directions(candidate, stage)[0])
+        by, order = self.directions(candidate)
+        tangents = tangents_of(system, by)
         scales = self.size / self.pieces.sizes if scales is None else scales
 
         def run_from(parts: IntArray, initial: InitialStates, weights: FloatArray | None

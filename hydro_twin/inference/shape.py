@@ -175,7 +175,7 @@ def _over_time(fit: Fit, placed: Placed, course: Course, parts: Sequence[Part]) 
     last = fit.candidate.values[placed.port.name]
 
     def value(time: FloatArray) -> FloatArray:
-        return last * np.array([course.factor(placed.values, begin + t) for t in time])
+        return last * course.factor(placed.values, begin + time)
 
     time = times(fit, parts) + 1e-9 * min(part.start for part in parts) - begin
     knots = np.linspace(time.min(), time.max(), KNOTS)

@@ -1,7 +1,7 @@
 """A plant with effects and values for everything, discretised: what the kernel runs."""
 from __future__ import annotations
 
-from collections.abc import Collection, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from itertools import groupby, pairwise
@@ -291,52 +291,44 @@ def assemble(plant: Plant, values: Mapping[str, float], effects: Sequence[Placed
         interpolation: of commands between samples, `HOLD` or `LINEAR`.
     """
     T = sample_time or plant.sample_time
-    now = _assemble(plant, drifted(values, effects, math.inf), effects, T, substeps, timing or {},
-                    interpolation)
+    now = _assemble(plant, values, effects, T, substeps, timing or {}, interpolation)
     courses = [(course, placed.values) for placed in effects
                if (course := placed.effect.course) is not None]
     if not courses:
         return now
     begins, ends = zip(*(course.interval(drift) for course, drift in courses), strict=True)
-    change = sum(abs(math.log(course.factor(drift, begin)))
+    change = sum(abs(math.log(course.factor(drift, np.array(begin))))
                  for (course, drift), begin in zip(courses, begins, strict=True))
     # A power of two, so that the number seldom changes while a rate is searched.
     stages = min(STAGES, 2 ** max(0, math.ceil(math.log2(max(change, STAGE) / STAGE))))
     edges = np.linspace(min(begins), max(ends), stages + 1)
-    times = (0.5 * (edges[:-1] + edges[1:])).tolist()
-    then = _at_times(now, times, [drifted(values, effects, time) for time in times],
-                     {placed.port.name for placed in effects if placed.effect.course is not None})
+    then = _at_times(now, 0.5 * (edges[:-1] + edges[1:]), effects)
     return replace(now, earlier=tuple(
         (round(1e9 * end), system) for end, system in zip(edges[1:].tolist(), then, strict=True)))
 
 
-def _at_times(now: System, times: Sequence[float], each: Sequence[Mapping[str, float]],
-              drifting: Collection[str]) -> Iterator[System]:
+def _at_times(now: System, times: FloatArray, effects: Sequence[Placed]) -> Iterator[System]:
     """Yield a system as it was at some times [s].
 
     Args:
         now: the system as it is.
         times: in question.
-        each: the values at each of them.
-        drifting: names of those that differ.
+        effects: of which some are parameters that drift.
     """
-    several: Mapping[str, Any] = {**now.values, **{
-        name: np.array([[values[name]] for values in each]) for name in drifting}}
-    laws = now.plant.laws(several)
-    M, H = discretise(laws, now.step.sample_time / now.step.substeps), port_rows(laws)
-    for k, (time, values) in enumerate(zip(times, each, strict=True)):
-        yield replace(now, laws=laws.of(k), step=now.step._replace(M=M[k], H=H[k]),
-                      values=values, time=time)
-
-
-def drifted(values: Mapping[str, float], effects: Sequence[Placed], time: float
-            ) -> Mapping[str, float]:
-    """Return the parameters as they were at a stamp [s]."""
-    found = dict(values)
+    drifting: dict[str, FloatArray] = {}
     for placed in effects:
         if placed.effect.course is not None:
-            found[placed.port.name] *= placed.effect.course.factor(placed.values, time)
-    return found
+            name = placed.port.name
+            drifting[name] = (drifting.get(name, now.values[name])
+                              * placed.effect.course.factor(placed.values, times))
+    several: Mapping[str, Any] = {
+        **now.values, **{name: values[:, None] for name, values in drifting.items()}}
+    laws = now.plant.laws(several)
+    M, H = discretise(laws, now.step.sample_time / now.step.substeps), port_rows(laws)
+    for k, time in enumerate(times.tolist()):
+        then = {name: float(values[k]) for name, values in drifting.items()}
+        yield replace(now, laws=laws.of(k), step=now.step._replace(M=M[k], H=H[k]),
+                      values={**now.values, **then}, time=time)
 
 
 def _assemble(plant: Plant, values: Mapping[str, float], effects: Sequence[Placed], T: float,

@@ -1,7 +1,7 @@
 """How a step follows unknowns: derivatives of its matrices, and which column is which unknown."""
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
 import math
@@ -12,7 +12,7 @@ import numpy.typing as npt
 
 from hydro_twin.arrays import FloatArray
 from hydro_twin.compiled import compiled
-from hydro_twin.predictors.rows import in_rows
+from hydro_twin.predictors.rows import WIDTH, zeros
 from hydro_twin.predictors.system import discretise, port_rows, System
 
 COMPLEX_STEP = 1e-20
@@ -83,12 +83,13 @@ class Directions:
     """Unknowns by which a run is differentiated, each in its own unit.
 
     Attributes:
-        plant: names of parameters with what one unit of the unknown is worth, Q of them.
+        plant: names of parameters with what one unit of the unknown is worth, Q of them: at each
+            of the K stages of a system, (K,), or the same at all.
         p: (index in the effects' parameters, worth) for each unknown of an effect.
         shift: for each unknown of the timing how it moves each input [samples], (T, m).
     """
 
-    plant: Sequence[tuple[str, float]] = ()
+    plant: Sequence[tuple[str, float | FloatArray]] = ()
     p: Sequence[tuple[int, float]] = ()
     shift: npt.ArrayLike = ()
 
@@ -120,25 +121,19 @@ def matrix_derivatives(system: System, names: Sequence[str]) -> FloatArray:
     return found
 
 
-def tangents_of(system: System, by: Callable[[System], Directions]) -> list[Tangent]:
-    """Differentiate the step of every stage of a system.
-
-    Args:
-        system: what is run.
-        by: the unknowns at a stage: at all the same, each worth what it is there.
-    """
-    stages = system.stages
-    return _tangents(stages, [by(stage) for stage in stages])
-
-
-def tangent_of(system: System, by: Directions) -> Tangent:
-    """Differentiate the matrices of a step, with columns for the initial state.
+def tangents_of(system: System, by: Directions) -> list[Tangent]:
+    """Differentiate the step of every stage of a system, with columns for the initial state.
 
     Args:
         system: what is run.
         by: the unknowns; the columns are those of the plant, of the effects, of the timing.
     """
-    return _tangents([system], [by])[0]
+    return _tangents(system.stages, by)
+
+
+def tangent_of(system: System, by: Directions) -> Tangent:
+    """Differentiate the step of a system as it is now, see `tangents_of`."""
+    return _tangents([system], by)[0]
 
 
 def _moves_at(stages: Sequence[System], names: Sequence[str]) -> FloatArray:
@@ -160,31 +155,33 @@ def _moves_at(stages: Sequence[System], names: Sequence[str]) -> FloatArray:
     return found
 
 
-def _tangents(stages: Sequence[System], directions: Sequence[Directions]) -> list[Tangent]:
+def _tangents(stages: Sequence[System], by: Directions) -> list[Tangent]:
     """Differentiate the steps of K systems that differ by parameters only.
 
     Args:
         stages: the systems.
-        directions: the unknowns at each; only what those of the plant are worth may differ.
+        by: the unknowns.
     """
-    step, n, by = stages[-1].step, len(stages[-1].laws.A), directions[-1]
+    step, n, T = stages[-1].step, len(stages[-1].laws.A), len(stages[-1].step.shift)
     K, Q, D = len(stages), len(by.plant), by.count + n + len(lasting(stages[-1]))
-    dM, dH = np.zeros((K, *step.M.shape, D)), np.zeros((K, *step.H.shape, D))
+    sizes = [step.M.size, step.H.size, len(step.p), T, len(step.effects)]
+    every = zeros(K * sum(sizes), math.ceil(D / WIDTH)).reshape(K, sum(sizes), -1)
+    dM, dH, p, shift, rises = np.split(every, np.cumsum(sizes)[:-1], axis=1)
+    dM, dH = dM.reshape(K, *step.M.shape, -1), dH.reshape(K, *step.H.shape, -1)
     if Q:
         order = [name for name, _ in by.plant]
         names = list(dict.fromkeys(order))
-        worths = np.array([[value for _, value in some.plant] for some in directions])
+        worths = np.stack([np.broadcast_to(worth, K) for _, worth in by.plant], axis=1)
         rows = np.moveaxis(_moves_at(stages, names)[:, [names.index(name) for name in order]]
                            * worths[..., None, None], 1, -1)
         dM[..., :Q], dH[..., :Q] = rows[:, :len(step.M)], rows[:, len(step.M):, :step.H.shape[1]]
-    p, shift = np.zeros((len(step.p), D)), np.zeros((len(step.shift), D))
     for q, (index, worth) in enumerate(by.p):
-        p[index, Q + q] = worth
+        p[:, index, Q + q] = worth
     at = Q + len(by.p)
-    shift[:, at:by.count] = np.reshape(np.asarray(by.shift, dtype=np.float64),
-                                       (by.count - at, len(shift))).T
-    m, P = len(step.shift), len(stages[-1].plant.ports)
-    compliance, rises = np.zeros((K, len(step.effects))), np.zeros((K, len(step.effects), D))
+    shift[:, :, at:by.count] = np.reshape(np.asarray(by.shift, dtype=np.float64),
+                                          (by.count - at, T)).T
+    m, P = T, len(stages[-1].plant.ports)
+    compliance = np.zeros((K, len(step.effects)))
     for e, effect in enumerate(step.effects):
         if effect['implicit']:
             begin, signal = n + 2 * m + effect['port'], effect['signal_0']
@@ -194,12 +191,10 @@ def _tangents(stages: Sequence[System], directions: Sequence[Directions]) -> lis
             compliance[:, e] = np.einsum('ki,ki->k', row, both)
             rises[:, e] = (np.einsum('ki,kid->kd', both, dH[:, signal, :n])
                            + np.einsum('ki,kid->kd', row, moved))
-    shifts = np.flatnonzero(shift.any(axis=1))
-    every = np.concatenate([
-        dM.reshape(K, -1, D), dH.reshape(K, -1, D),
-        np.broadcast_to(np.concatenate([p, shift]), (K, len(p) + len(shift), D)), rises], axis=1)
-    return [Tangent(in_rows(every[k]), dH[k].any(axis=2), shifts, compliance[k],
-                    bool(dM[k].any()), -1) for k in range(K)]
+    shifts = np.flatnonzero(shift[0].any(axis=1))
+    M_varies, H_varies = dM.any(axis=(1, 2, 3)).tolist(), dH.any(axis=3)
+    return [Tangent(every[k].reshape(sum(sizes), -1, WIDTH), H_varies[k], shifts, compliance[k],
+                    M_varies[k], -1) for k in range(K)]
 
 
 def lasting(system: System) -> npt.NDArray[np.int64]:

@@ -49,7 +49,7 @@ INF = math.inf
     ((-10.0, 0.0, INF, BEGIN, END), 100.0, 5.0),
 ])
 def test_law(law, time, expected):
-    assert factor(law, time) == pytest.approx(expected, rel=1e-6)
+    assert factor(law, np.array(time)) == pytest.approx(expected, rel=1e-6)
 
 
 @pytest.mark.parametrize(('rate', 'drifts'), [
@@ -71,17 +71,19 @@ def test_a_search_begins_at_no_rate_that_is_beyond_the_law(monkeypatch, rate):
     for one in begun:
         (placed,) = one.effects
         assert math.copysign(1.0, placed.named['rate']) == math.copysign(1.0, rate)
-        assert abs(1.0 - factor(placed.values, BEGIN)) <= min(0.95, 6.0 * abs(rate)) + 1e-12
+        change = abs(1.0 - factor(placed.values, np.array(BEGIN)))
+        assert change <= min(0.95, 6.0 * abs(rate)) + 1e-12
 
 
 def test_slopes():
     law = (0.1, 2.0, INF, BEGIN, END)
-    assert slopes(law, 101.0) == pytest.approx((-4.0, 0.1, 0.0, 0.0, 0.0))
-    assert slopes(law, 105.0) == pytest.approx((-1.0, 0.0, 0.0, 0.0, 0.0))
+    np.testing.assert_allclose(slopes(law, np.array([101.0, 105.0])).T, [
+        (-4.0, 0.1, 0.0, 0.0, 0.0), (-1.0, 0.0, 0.0, 0.0, 0.0)], atol=1e-9)
     lag = (0.1, 0.0, 2.0, BEGIN, END)
     h = 1e-4
-    rise = (factor((0.1, 0.0, 2.0 + h, BEGIN, END), 102.0) - factor(lag, 102.0)) / h
-    assert slopes(lag, 102.0)[2] == pytest.approx(rise, rel=1e-3)
+    at = np.array(102.0)
+    rise = (factor((0.1, 0.0, 2.0 + h, BEGIN, END), at) - factor(lag, at)) / h
+    assert slopes(lag, at)[2] == pytest.approx(rise, rel=1e-3)
 
 
 def inputs_of(samples):
@@ -144,9 +146,8 @@ def test_derivatives_of_a_run(parameters):
     unknowns = plant_unknowns(LOAD, 'physical') + effect_unknowns(0, candidate.effects[0])
     assert {u.name for u in unknowns if u.owner == '0'} == set(parameters) - {'begin', 'end'}
     problem = Problem(candidate, unknowns, [part])
-    by, order = problem.directions(candidate, candidate.system)
-    tangents = tangents_of(candidate.system,
-                           lambda stage: problem.directions(candidate, stage)[0])
+    by, order = problem.directions(candidate)
+    tangents = tangents_of(candidate.system, by)
     x = np.zeros(LOAD.order)
     y, found = (some[:, 0] for some in run_with_sensitivities(
         candidate.system, by, tangents, part.inputs, np.array([0, len(part.inputs)]), x[None],

@@ -86,7 +86,7 @@ def test_derivatives_are_those_of_the_run_with_feedback(
         lambda coordinates: run(problem.candidate(coordinates), inputs, np.zeros(4), feedback),
         coordinates_of(model, unknowns), [1e-5] * len(unknowns))
     system = model.system
-    by, order = problem.directions(model, system)
+    by, order = problem.directions(model)
     _, slopes = run_with_sensitivities(
         system, by, [tangent_of(system, by)], inputs, np.array([0, SAMPLES]), np.zeros((1, 4)),
         np.zeros((1, system.memory)), feedback=feedback)

@@ -96,7 +96,7 @@ def test_all_derivatives_of_a_run(plant, effect, port):
     """By the plant's and the effect's parameters, timing, and the state at the start."""
     candidate, part = with_effect(plant, effect, port)
     problem = Problem(candidate, unknowns_of(candidate), [part])
-    by, order = problem.directions(candidate, candidate.system)
+    by, order = problem.directions(candidate)
     system = candidate.system
     x = 1e-3 * np.max(np.abs(states_of(candidate, part)), axis=0)
     z = np.zeros(system.memory)
@@ -186,7 +186,7 @@ def test_parts_run_together_as_each_by_itself(effects):
     system = Model(plant, middle(plant), plant.sample_time,
                    tuple(place(*effect, plant) for effect in effects)).system
     by = Directions([('J', middle(plant)['J'])])
-    tangents = tangents_of(system, lambda _: by)
+    tangents = tangents_of(system, by)
     inputs = [moved(plant)[:80], 1e30 * moved(plant)[:50], moved(plant)]
     rng = np.random.default_rng(2)
     x = 1e-3 * rng.standard_normal((len(inputs), plant.order))
