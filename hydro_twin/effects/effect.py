@@ -9,6 +9,8 @@ from typing import Any
 from hydro_twin.arrays import FloatArray
 from hydro_twin.plants.plant import Plant, Port
 
+TINY = 1e-12            # stands for a signal that is zero throughout, so that it can divide
+
 
 @dataclass(frozen=True)
 class EffectParameter:
@@ -49,8 +51,7 @@ class Span:
     Attributes:
         ranges: least and largest value that leaves the port, in each part: what a law remembers
             does not reach from one part into another.
-        signals: largest magnitude of each signal there.
-        travel: of each signal there, from its least to its largest.
+        signal_ranges: least and largest value of each signal there.
         measured: least and largest output in all that was recorded, but for a hundredth of it.
         lasting: for how many samples in a row the value is near its least or its largest.
         duration: of the longest part [s].
@@ -59,13 +60,22 @@ class Span:
     """
 
     ranges: Sequence[tuple[float, float]]
-    signals: Mapping[str, float]
-    travel: Mapping[str, float]
+    signal_ranges: Mapping[str, tuple[float, float]]
     measured: tuple[float, float]
     sample_time: float
     lasting: int
     duration: float = math.inf
     added_swing: Callable[[], float] = float
+
+    @property
+    def signals(self) -> dict[str, float]:
+        """Largest magnitude of each signal, never quite zero."""
+        return {name: max(-low, high, TINY) for name, (low, high) in self.signal_ranges.items()}
+
+    @property
+    def travel(self) -> dict[str, float]:
+        """How far each signal goes, from its least value to its largest."""
+        return {name: high - low for name, (low, high) in self.signal_ranges.items()}
 
     @property
     def low(self) -> float:

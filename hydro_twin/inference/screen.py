@@ -57,17 +57,16 @@ def spans(candidate: Model, parts: Sequence[Part]) -> dict[Port, Span]:
     P = len(plant.ports)
     lasting = np.max([longest_run(near) for run in runs for near in (
         run[:, :P] >= NEAR * high[:P], run[:, :P] <= NEAR * low[:P])], axis=0)
-    largest = np.maximum(np.maximum(abs(low), abs(high)), 1e-12)
     travel, duration = travel_of(parts), candidate.sample_time * max(map(len, runs))
     found, at = {}, len(plant.ports)
     for port in plant.parameter_ports:
-        found[port] = Span(((0.0, 0.0),), {}, {}, travel, candidate.sample_time, 0, duration)
+        found[port] = Span(((0.0, 0.0),), {}, travel, candidate.sample_time, 0, duration)
     for row, port in enumerate(plant.ports):
         here = slice(at, at + len(port.signals))
         found[port] = Span(
             tuple(zip(lows[:, row].tolist(), highs[:, row].tolist(), strict=True)),
-            dict(zip(port.signals, largest[here].tolist(), strict=True)),
-            dict(zip(port.signals, (high - low)[here].tolist(), strict=True)),
+            {name: (float(least), float(most)) for name, least, most in zip(
+                port.signals, low[here], high[here], strict=True)},
             travel, candidate.sample_time, int(lasting[row]), duration)
         at = here.stop
     return found

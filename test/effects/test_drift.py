@@ -55,7 +55,7 @@ def test_law(law, time, expected):
 @pytest.mark.parametrize(('rate', 'drifts'), [
     (0.1, True), (-0.5, True), (0.2, False), (-1.0, False)])
 def test_what_changes_more_than_fivefold_is_no_drift(rate, drifts):
-    nowhere = Span(((0.0, 0.0),), {}, {}, (0.0, 1.0), T, 0)
+    nowhere = Span(((0.0, 0.0),), {}, (0.0, 1.0), T, 0)
     assert distinguishable(nowhere, (rate, 0.0, INF, BEGIN, END)) is drifts
 
 

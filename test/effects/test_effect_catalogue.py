@@ -21,7 +21,7 @@ def named(site):
 def wide(port):
     """Make a span in which every signal moves enough to show anything."""
     largest = {name: 5e6 if unit == 'Pa' else 3.0 for name, unit in port.signals.items()}
-    return Span(((-2.0, 2.0),), largest, {name: 2 * size for name, size in largest.items()},
+    return Span(((-2.0, 2.0),), {name: (-size, size) for name, size in largest.items()},
                 (-2.0, 2.0), 0.002, 100)
 
 
@@ -91,7 +91,7 @@ def test_starts_follow_the_unit_of_the_port(site):
     """In millivolts instead of volts, a search begins at the same place."""
     _, effect, port = site
     span = wide(port)
-    thousand = Span(((1e3 * span.low, 1e3 * span.high),), span.signals, span.travel, span.measured,
+    thousand = Span(((1e3 * span.low, 1e3 * span.high),), span.signal_ranges, span.measured,
                     span.sample_time, span.lasting)
     for one, other in zip(effect.starts(span), effect.starts(thousand), strict=True):
         for p, a, b in zip(effect.parameters, one, other, strict=True):
@@ -125,8 +125,8 @@ def test_units_of_a_port():
 
 def test_ripple_is_told_from_a_bias_only_by_a_tenth_of_a_period():
     ripple = next(effect for effect in EFFECTS if effect.id == 'ripple')
-    span = Span(((-1.0, 1.0),), {'velocity': 1.0, 'position': 1.0},
-                {'velocity': 2.0, 'position': 0.5}, (-1.0, 1.0), 0.002, 100)
+    span = Span(((-1.0, 1.0),), {'velocity': (-1.0, 1.0), 'position': (0.5, 1.0)},
+                (-1.0, 1.0), 0.002, 100)
     assert not ripple.distinguishable(span, (1.0, 0.0, 0.3 * math.pi))
     assert ripple.distinguishable(span, (1.0, 0.0, 0.5 * math.pi))
 
@@ -135,7 +135,7 @@ def test_dead_zone_is_told_from_a_bias_only_where_it_is_entered():
     dead_zone = next(effect for effect in EFFECTS if effect.id == 'dead_zone')
 
     def shows(*ranges, leak=0.0):
-        span = Span(ranges, {}, {}, (0.0, 1.0), 0.002, 100)
+        span = Span(ranges, {}, (0.0, 1.0), 0.002, 100)
         return dead_zone.distinguishable(span, (0.1, 0.0, leak))
 
     assert not shows((0.2, 1.0))
@@ -148,7 +148,7 @@ def test_dead_zone_is_told_from_a_bias_only_where_it_is_entered():
 
 def test_a_mode_is_told_from_two_equal_lags_and_from_what_is_too_fast_to_be_sampled():
     for mode in (effect for effect in EFFECTS if effect.id == 'mode'):
-        span = Span(((-1.0, 1.0),), {}, {}, (-1.0, 1.0), 0.002, 100)
+        span = Span(((-1.0, 1.0),), {}, (-1.0, 1.0), 0.002, 100)
         assert mode.distinguishable(span, (30.0, 0.9))
         assert not mode.distinguishable(span, (30.0, 1.0))
         assert not mode.distinguishable(span, (251.0, 0.5))
@@ -158,7 +158,7 @@ def test_hysteresis_is_told_from_an_offset_of_each_part_only_where_its_loop_is_c
     hysteresis = next(effect for effect in EFFECTS if effect.id == 'hysteresis')
 
     def shows(*ranges, added=0.0):
-        span = Span(ranges, {}, {}, (0.0, 1.0), 0.002, 100, added_swing=lambda: added)
+        span = Span(ranges, {}, (0.0, 1.0), 0.002, 100, added_swing=lambda: added)
         return hysteresis.distinguishable(span, (0.1, 1.0))
 
     assert shows((0.2, 0.5))
@@ -169,7 +169,7 @@ def test_hysteresis_is_told_from_an_offset_of_each_part_only_where_its_loop_is_c
 
 def test_dead_zone_holds_rest_and_lets_little_pass():
     dead_zone = next(effect for effect in EFFECTS if effect.id == 'dead_zone')
-    span = Span(((-1.0, 1.0),), {}, {}, (0.0, 1.0), 0.002, 100)
+    span = Span(((-1.0, 1.0),), {}, (0.0, 1.0), 0.002, 100)
     assert dead_zone.distinguishable(span, (0.1, -0.05, 0.3))
     assert not dead_zone.distinguishable(span, (0.1, -0.15, 0.0))
     assert not dead_zone.distinguishable(span, (0.1, 0.0, 0.7))
@@ -185,7 +185,7 @@ def test_leakage_is_told_from_laminar():
 
 def test_a_force_to_break_away_is_at_most_twice_that_of_sliding():
     friction = next(effect for effect in EFFECTS if effect.id == 'friction')
-    span = Span(((-100.0, 100.0),), {}, {}, (0.0, 1.0), 0.001, 100)
+    span = Span(((-100.0, 100.0),), {}, (0.0, 1.0), 0.001, 100)
     assert friction.distinguishable(span, (20.0, 0.0, 1.0, math.inf, 0.0))
     assert friction.distinguishable(span, (20.0, 30.0, 0.01, math.inf, 0.0))
     assert not friction.distinguishable(span, (18.0, 90.0, 0.013, 3e6, 0.0))
@@ -195,7 +195,7 @@ def test_a_rate_limit_is_told_from_a_lag_only_where_it_lasts():
     rate_limit = next(effect for effect in EFFECTS if effect.id == 'rate_limit')
 
     def shows(samples):
-        span = Span(((-0.3, 0.2),), {}, {}, (0.0, 1.0), 0.05, samples)
+        span = Span(((-0.3, 0.2),), {}, (0.0, 1.0), 0.05, samples)
         return rate_limit.distinguishable(span, (0.3, 0.0, 0.0))
 
     assert not shows(2)
@@ -204,7 +204,7 @@ def test_a_rate_limit_is_told_from_a_lag_only_where_it_lasts():
 
 def test_a_soft_rate_limit_is_told_from_a_falling_gain_only_where_it_is_reached():
     rate_limit = next(effect for effect in EFFECTS if effect.id == 'rate_limit')
-    span = Span(((-0.3, 0.2),), {}, {}, (0.0, 1.0), 0.002, 100)
+    span = Span(((-0.3, 0.2),), {}, (0.0, 1.0), 0.002, 100)
     assert rate_limit.distinguishable(span, (0.3, 0.0, 0.0))
     assert rate_limit.distinguishable(span, (0.35, 0.0, 0.4))
     assert not rate_limit.distinguishable(span, (0.7, 0.0, 0.4))
@@ -214,8 +214,21 @@ def test_a_soft_rate_limit_is_told_from_a_falling_gain_only_where_it_is_reached(
 
 def test_friction_without_a_position_is_refined_without_bristles():
     effect = next(effect for effect in EFFECTS if effect.id == 'friction')
-    span = Span(((-1.0, 1.0),), {'velocity': 1.0}, {'velocity': 2.0}, (-1.0, 1.0), 0.002, 100)
+    span = Span(((-1.0, 1.0),), {'velocity': (-1.0, 1.0)}, (-1.0, 1.0), 0.002, 100)
     stiffness = [p.name for p in effect.parameters].index('bristle_stiffness')
     starts = effect.refined(span, (1.0, 0.0, 1.0, math.inf, 0.0))
     assert starts
     assert all(math.isinf(values[stiffness]) for values in starts)
+
+
+@pytest.mark.parametrize(('slope', 'edges', 'changes'), [
+    (0.5, (0.0, 1.0), True),
+    (2900.0, (0.0, 1.0), False),        # next to nothing moves at zero
+    (-0.9, (0.0, 1.0), False),
+    (-0.2, (-2.7, -0.6), True),         # an angle whose zero is out of reach
+    (0.4, (-2.7, -0.6), False),         # the gain would turn round
+])
+def test_a_gain_that_changes_is_never_next_to_none(slope, edges, changes):
+    gain = next(effect for effect in EFFECTS if effect.id == 'gain')
+    span = Span(((-1.0, 1.0),), {'position': edges}, (-1.0, 1.0), 0.002, 100)
+    assert gain.distinguishable(span, (slope,)) is changes

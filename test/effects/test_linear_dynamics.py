@@ -142,7 +142,7 @@ def test_a_time_constant_that_vanishes_leaves_the_plant(port, substeps):
 
 @pytest.mark.parametrize('effect', [e for e in DYNAMIC if e.id == 'mode'], ids=lambda e: e.kinds)
 def test_a_mode_above_half_of_the_sampling_rate_is_none_that_a_recording_shows(effect):
-    reach = Span(((-1.0, 1.0),), {}, {}, (-1.0, 1.0), 0.002, 10)
+    reach = Span(((-1.0, 1.0),), {}, (-1.0, 1.0), 0.002, 10)
     assert effect.distinguishable(reach, (240.0, 0.1))
     assert not effect.distinguishable(reach, (260.0, 0.1))
 
