@@ -11,7 +11,8 @@ def equations(p: SimpleNamespace, x: SimpleNamespace, u: SimpleNamespace, port: 
               ) -> dict[str, Linear]:
     """Return the rate of a first-order lag, tau y' + y = K command."""
     command = port('command', u.command)
-    speed = port('actuator', (p.K * command - x.y) / p.tau, position=x.y)
+    force = port('spring', p.K * command - x.y)
+    speed = port('actuator', force / p.tau, position=x.y)
     stem = port('stem', x.y)
     port('sensor', stem)
     return {'y': speed}
@@ -32,6 +33,7 @@ CONTROL_VALVE = Plant(
     constants=(),
     ports=(
         Port('command', 'command', '1', 'opening asked for'),
+        Port('spring', 'balance', '1', 'opening asked for less the opening, which moves the stem'),
         Port('actuator', 'speed', '1/s', 'speed of the actuator', {'position': '1'}),
         Port('stem', 'stem', '1', 'opening of the valve'),
         Port('sensor', 'sensor', '1', 'opening as measured'),

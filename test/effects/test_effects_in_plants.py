@@ -21,7 +21,7 @@ NEUTRAL = {   # parameters with which a law changes nothing
     'stiffening': (0.0, 0.0, 1.0),
     'ripple': (0.0, 0.0, 9.0, 0.0, 0.0, 0.0, 0.0), 'gain': (0.0,), 'end_stop': (-1e9, 1e9),
 }
-AT_A_SPEED = {'orifice': (INF, 0.0)}     # of laws of the same name, in another quantity
+AT_KIND = {('orifice', 'speed'): (INF, 0.0), ('friction', 'balance'): (0.0,)}   # of the same name
 SITES = [(plant, effect, port) for plant in PLANTS.values() for effect in EFFECTS
          for port in sites(effect, plant) if effect.course is None]
 AMPLITUDES = {'u_m': 0.4, 'theta_d': 0.1, 'force': 100.0}
@@ -39,7 +39,7 @@ def values(plant):
 
 def neutral(effect):
     """Return parameters with which a law changes nothing."""
-    return (AT_A_SPEED if effect.kinds == ('speed',) else {}).get(effect.id, NEUTRAL[effect.id])
+    return AT_KIND.get((effect.id, effect.kinds[0]), NEUTRAL[effect.id])
 
 
 def smooth(plant, samples=600):
@@ -135,6 +135,33 @@ def test_below_its_force_friction_holds_without_chatter(parameters):
     x, v = pushed(lambda t: 7.9 * np.sin(2 * np.pi * 3 * t), **parameters)
     assert np.abs(v).max() < 1e-12
     assert np.abs(x).max() < 1e-12
+
+
+def test_a_stem_with_friction_stands_until_the_spring_is_off_by_it():
+    """A command that rises and falls again, against the solution piece by piece."""
+    plant, rate, friction = PLANTS['control_valve'], 0.1, 0.03
+    v = {'tau': 2.0, 'K': 1.0}
+    t = np.arange(301) * 0.1
+    command = rate * np.minimum(t, 20.0 - t)
+    found = assemble(plant, v, [place('friction', 'spring', {'coulomb': friction}, plant)],
+                     0.1, 4, interpolation='linear').run(command[:, None], np.zeros(1))
+
+    def from_rest(since):
+        """Return what a ramp moves, behind the lag, from when the force exceeds friction."""
+        since = np.maximum(since, 0.0)
+        return rate * (since - v['tau'] * (1.0 - np.exp(-since / v['tau'])))
+
+    rising = t <= 10.0
+    np.testing.assert_allclose(found[rising], from_rest(t[rising] - friction / rate), atol=2e-4)
+    top = found.max()
+    still = np.isclose(found, top, rtol=0.0, atol=1e-5)
+    # It goes on until the command has come down to friction above it, and stands until it is as
+    # far below.
+    assert command[still][0] - top == pytest.approx(friction, abs=rate * 0.1)
+    assert top - command[still][-1] == pytest.approx(friction, abs=rate * 0.1)
+    back = t > t[still][-1]
+    falls = 20.0 - (top - friction) / rate
+    np.testing.assert_allclose(found[back], top - from_rest(t[back] - falls), atol=5e-4)
 
 
 def test_friction_sticks_at_each_turn_and_slides_between():

@@ -76,9 +76,10 @@ def drive(v, x, u, d):
 def control_valve(v, x, u, d):
     y = x[0]
     command = u[0] + d[0]
-    speed = (v['K'] * command - y) / v['tau'] + d[1]
-    stem = y + d[2]
-    return [speed], [command, speed, stem, stem + d[3]], [y]
+    force = v['K'] * command - y + d[1]
+    speed = force / v['tau'] + d[2]
+    stem = y + d[3]
+    return [speed], [command, force, speed, stem, stem + d[4]], [y]
 
 
 @pytest.mark.parametrize('by_hand', [load_simulator, valve_servo, cylinder, positioning,
