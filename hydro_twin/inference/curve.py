@@ -111,13 +111,13 @@ def find_curve(fit: Fit, parts: Sequence[Part], held_out: Sequence[Part],
 
 
 def is_better(found: FittedCurve, base: Fit, named: Fit, curves: Sequence[Dependence],
-              held_out: Sequence[Part], seed: int) -> bool:
+              held_out: Sequence[Part]) -> bool:
     """Whether one curve is clearly better than all effects that were named instead of it.
 
-    On the fitted data, and not clearly worse on the held-out data. Not where one of these is a
-    law of the same signal at the same port (or where a curve would do as well) that explains most
-    of what the curve does, which only describes it more finely; nor where it is a bias, and the
-    curve little else.
+    On the fitted data, and on the held-out data, see `outweighs`. Not where one of these is a law
+    of the same signal at the same port (or where a curve would do as well) that explains most of
+    what the curve does, which only describes it more finely; nor where it is a bias, and the curve
+    little else.
 
     Args:
         found: a curve on the model before.
@@ -125,7 +125,6 @@ def is_better(found: FittedCurve, base: Fit, named: Fit, curves: Sequence[Depend
         named: the model with effects.
         curves: what each explains of the residual of the model before.
         held_out: the data that were not fitted.
-        seed: of the bootstrap.
     """
     here = [found.placed, *(other for other, distance in found.others if distance < CLEARLY)]
     biased = any(is_bias(placed) for placed in named.candidate.effects)
@@ -135,8 +134,7 @@ def is_better(found: FittedCurve, base: Fit, named: Fit, curves: Sequence[Depend
     if drawn or (biased and is_mostly_constant(found.fit, held_out)):
         return False
     with_curve, with_names = delta_bic([found.fit, named])
-    return (with_curve < with_names - CLEARLY and outweighs(found.fit, named, held_out)
-            and held_out_gain(named, found.fit, held_out, seed).high > 0.0)
+    return with_curve < with_names - CLEARLY and outweighs(found.fit, named, held_out)
 
 
 def outweighs(with_curve: Fit, named: Fit, held_out: Sequence[Part]) -> bool:

@@ -69,9 +69,6 @@ def select_forward(selection: Selection, alternatives: Sequence[Alternative], co
     Held-out data judge the whole model: beside a second effect that is still missing, the first
     may not improve them.
 
-    An effect beside which an earlier one is no longer distinguished from a simpler one, so that
-    much more is left than before, is passed over. A little more may be the way to two others.
-
     Args:
         selection: what has been found before.
         alternatives: of the first round, best first.
@@ -79,17 +76,15 @@ def select_forward(selection: Selection, alternatives: Sequence[Alternative], co
         refuted: ids of effects that are not to be added.
     """
     seen: set[frozenset[str]] = set()
-    spoils: set[str] = set()
     for _ in range(ROUNDS):
-        alternatives = [one for one in alternatives
-                        if one.id not in refuted and one.id not in spoils]
+        alternatives = [one for one in alternatives if one.id not in refuted]
         if not alternatives or effects_of(selection.fit.candidate) in seen:
             break
         ranked = _memoryless_first(alternatives, selection.fit, context)
         first = ranked[0]
         fit = without_last(selection.fit, first.fit, context.parts)
         context.remember(fit)
-        before = selection = replace(selection, fit=fit)
+        selection = replace(selection, fit=fit)
         if not is_significant(fit, first.fit, LEAST_SHARE):
             break
         found = best_finding(fit, ranked)
@@ -102,11 +97,7 @@ def select_forward(selection: Selection, alternatives: Sequence[Alternative], co
         selection = exchange(Selection(better, (*selection.findings, found)), context)
         selection = refined(selection, selection.findings[:-1], context)
         selection = without_indistinct(selection, context)
-        if selection.fit.error > RIVALS * before.fit.error:
-            spoils.add(first.id)
-            selection = before
-            continue
-        seen.add(effects_of(before.fit.candidate))
+        seen.add(effects_of(fit.candidate))
         if (len(selection.findings) == MOST_EFFECTS
                 or is_discretisation_error(selection.fit, context.parts)):
             break
@@ -340,10 +331,10 @@ def exchange(selection: Selection, context: Context, last: bool = False,
 
     An effect that has become unnecessary is dropped; one that stood in for two is replaced. Its
     rivals are those beside the other effects. The same one may come out clearly better, too, in
-    another form. A set of effects that was replaced is not returned to, since each of two sets may
-    fit better when it is searched from the other. Nor is an effect dropped if another compensates
-    for it only in a form that is not distinguished from a simpler effect, as a small part of a
-    ripple is from an offset.
+    another form, once. A set of effects that was replaced is not returned to, since each of two
+    sets may fit better when it is searched from the other. Nor is an effect dropped if another
+    compensates for it only in a form that is not distinguished from a simpler effect, as a small
+    part of a ripple is from an offset.
 
     Args:
         selection: a model that has grown.
@@ -351,7 +342,7 @@ def exchange(selection: Selection, context: Context, last: bool = False,
         last: whether to choose the last one again, too.
         left: sets of effects that were replaced before.
     """
-    own = effects_of(selection.fit.candidate)
+    tried = left | {effects_of(selection.fit.candidate)}
     for k, found in enumerate(selection.findings[:None if last else -1]):
         placed = selection.fit.candidate.effects[found.index]
         (without,) = context.without(selection.fit, [found.index])
@@ -359,16 +350,14 @@ def exchange(selection: Selection, context: Context, last: bool = False,
         with_it, bare = delta_bic([selection.fit, without])
         needless = bare < with_it + CLEARLY or share(without, selection.fit) < LEAST_SHARE
         if needless and next(indistinct(without, context.parts, rest), None) is None:
-            return exchange(Selection(without, rest), context, last, left | {own})
+            return exchange(Selection(without, rest), context, last, tried)
         alternatives = context.fit_alternatives(without, AGAIN, RIVALS * selection.fit.error)
         scores = delta_bic([selection.fit, *(c.fit for c in alternatives)])
         if (alternatives and scores[1] < scores[0] - CLEARLY
                 and effects_of(alternatives[0].fit.candidate) not in left):
             instead = best_finding(without, alternatives)
             better = with_fine_steps(alternatives[0].fit, context.parts, FINE_ENOUGH)
-            if effects_of(better.candidate) != own:
-                left |= {own}
-            return exchange(Selection(better, (*rest, instead)), context, last, left)
+            return exchange(Selection(better, (*rest, instead)), context, last, tried)
         others = [c for c in alternatives
                   if (c.id, c.placed.port) != (placed.effect.id, placed.port)]
         kept = finding(without, selection.fit, in_place(others), found.index)

@@ -58,7 +58,7 @@ def with_curve(selection: Selection, base: Fit, context: Context
     at_first = curves if selection.fit is base else free_curves(base, parts)
     if selection.findings and _contested(selection, parts, curves, at_first):
         instead = find_curve(base, parts, held_out, at_first, seed, HOPELESS * selection.fit.error)
-        if instead and is_better(instead, base, selection.fit, at_first, held_out, seed):
+        if instead and is_better(instead, base, selection.fit, at_first, held_out):
             read = read_as_names(Selection(base), instead, base, context)
             return (read, None, None) if read else (Selection(base), instead, selection)
     found = find_curve(selection.fit, parts, held_out, curves, seed)

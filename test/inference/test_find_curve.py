@@ -89,8 +89,8 @@ def test_a_law_keeps_its_name_if_it_explains_most_of_the_curve_there(uneven, fou
 
     right = named('asymmetry', 'flow', {'imbalance': 0.1})
     wrong = named('dead_zone', 'spool', {'width': 1e-6})
-    assert not is_better(found, fit, right, curves, test, 0)
-    assert is_better(found, fit, wrong, curves, test, 0)
+    assert not is_better(found, fit, right, curves, test)
+    assert is_better(found, fit, wrong, curves, test)
     assert has_equivalent_law((found.placed.port, found.placed.effect.reads[0]), wrong, curves)
 
 
