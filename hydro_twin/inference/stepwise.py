@@ -330,11 +330,10 @@ def exchange(selection: Selection, context: Context, last: bool = False,
     """Choose each earlier effect again, now that the last one is in the model.
 
     An effect that has become unnecessary is dropped; one that stood in for two is replaced. Its
-    rivals are those beside the other effects. The same one may come out clearly better, too, in
-    another form, once. A set of effects that was replaced is not returned to, since each of two
-    sets may fit better when it is searched from the other. Nor is an effect dropped if another
-    compensates for it only in a form that is not distinguished from a simpler effect, as a small
-    part of a ripple is from an offset.
+    rivals are those beside the other effects. A set of effects that was replaced is not returned
+    to, since each of two sets may fit better when it is searched from the other. Nor is an effect
+    dropped if another compensates for it only in a form that is not distinguished from a simpler
+    effect, as a small part of a ripple is from an offset.
 
     Args:
         selection: a model that has grown.
@@ -342,7 +341,7 @@ def exchange(selection: Selection, context: Context, last: bool = False,
         last: whether to choose the last one again, too.
         left: sets of effects that were replaced before.
     """
-    tried = left | {effects_of(selection.fit.candidate)}
+    left |= {effects_of(selection.fit.candidate)}
     for k, found in enumerate(selection.findings[:None if last else -1]):
         placed = selection.fit.candidate.effects[found.index]
         (without,) = context.without(selection.fit, [found.index])
@@ -350,14 +349,14 @@ def exchange(selection: Selection, context: Context, last: bool = False,
         with_it, bare = delta_bic([selection.fit, without])
         needless = bare < with_it + CLEARLY or share(without, selection.fit) < LEAST_SHARE
         if needless and next(indistinct(without, context.parts, rest), None) is None:
-            return exchange(Selection(without, rest), context, last, tried)
+            return exchange(Selection(without, rest), context, last, left)
         alternatives = context.fit_alternatives(without, AGAIN, RIVALS * selection.fit.error)
         scores = delta_bic([selection.fit, *(c.fit for c in alternatives)])
         if (alternatives and scores[1] < scores[0] - CLEARLY
                 and effects_of(alternatives[0].fit.candidate) not in left):
             instead = best_finding(without, alternatives)
             better = with_fine_steps(alternatives[0].fit, context.parts, FINE_ENOUGH)
-            return exchange(Selection(better, (*rest, instead)), context, last, tried)
+            return exchange(Selection(better, (*rest, instead)), context, last, left)
         others = [c for c in alternatives
                   if (c.id, c.placed.port) != (placed.effect.id, placed.port)]
         kept = finding(without, selection.fit, in_place(others), found.index)

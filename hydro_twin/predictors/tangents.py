@@ -162,9 +162,9 @@ def _tangents(stages: Sequence[System], by: Directions) -> list[Tangent]:
         stages: the systems.
         by: the unknowns.
     """
-    step, n, T = stages[-1].step, len(stages[-1].laws.A), len(stages[-1].step.shift)
+    step, n, m = stages[-1].step, len(stages[-1].laws.A), len(stages[-1].step.shift)
     K, Q, D = len(stages), len(by.plant), by.count + n + len(lasting(stages[-1]))
-    sizes = [step.M.size, step.H.size, len(step.p), T, len(step.effects)]
+    sizes = [step.M.size, step.H.size, len(step.p), m, len(step.effects)]
     every = zeros(K * sum(sizes), math.ceil(D / WIDTH)).reshape(K, sum(sizes), -1)
     dM, dH, p, shift, rises = np.split(every, np.cumsum(sizes)[:-1], axis=1)
     dM, dH = dM.reshape(K, *step.M.shape, -1), dH.reshape(K, *step.H.shape, -1)
@@ -179,8 +179,8 @@ def _tangents(stages: Sequence[System], by: Directions) -> list[Tangent]:
         p[:, index, Q + q] = worth
     at = Q + len(by.p)
     shift[:, :, at:by.count] = np.reshape(np.asarray(by.shift, dtype=np.float64),
-                                          (by.count - at, T)).T
-    m, P = T, len(stages[-1].plant.ports)
+                                          (by.count - at, m)).T
+    P = len(stages[-1].plant.ports)
     compliance = np.zeros((K, len(step.effects)))
     for e, effect in enumerate(step.effects):
         if effect['implicit']:

@@ -253,20 +253,6 @@ def only_beside_a_bias(fit, _, index):
     return names(Selection(fit)) != ['hysteresis'] or index != 0
 
 
-def test_an_exchange_takes_the_same_effect_where_it_fits_better(grown, monkeypatch):
-    """As in a form that no search from the last fit leads to."""
-    selection, alone, context = grown(BIAS, FRICTION)
-    worse = replace(grown(FRICTION, BIAS)[0].fit, residual=2.0 * selection.fit.residual)
-    monkeypatch.setattr(Context, 'without', lambda _, fit, indices: [
-        replace(alone, candidate=fit.candidate.without(k)) for k in indices])
-    monkeypatch.setattr(Context, 'fit_alternatives', lambda _, without, *__: (
-        [Alternative(selection.fit)] if names(Selection(without)) == ['bias'] else []))
-    monkeypatch.setattr('hydro_twin.inference.stepwise.with_fine_steps', lambda fit, *_: fit)
-    found = exchange(Selection(worse, selection.findings), context)
-    assert names(found) == ['bias', 'friction']
-    assert found.fit is selection.fit
-
-
 def test_both_stay_where_the_one_that_replaces_the_other_helps(grown, monkeypatch):
     selection, alone, context = grown(BIAS, ('hysteresis', 'command', {'width': 0.1}))
     helps = iter([-0.1, 1.0, -0.1])         # of each, and of both together
