@@ -19,7 +19,7 @@ STEP = 1e-6             # of the differences, relative; what is left out is its 
 Values = tuple[float, ...]
 
 
-def factor(values: Values, time: FloatArray) -> FloatArray:
+def factor(values: Values, time: float | FloatArray) -> FloatArray:
     """Return the value at stamps [s] over the last one, between `LEAST` and its inverse.
 
     From b = begin + idle to e = end it goes as 1 - rate (e - b) w, where w falls from 1 to 0 in a
@@ -46,7 +46,7 @@ def distinguishable(_: Span, values: Values) -> bool:
     That acts where the recording begins or ends, and not with time: a dead zone
     that only the first steps are within.
     """
-    return LEAST < float(factor(values, np.array(values[3]))) < 1.0 / LEAST
+    return LEAST < float(factor(values, values[3])) < 1.0 / LEAST
 
 
 def slopes(values: Values, time: FloatArray) -> FloatArray:

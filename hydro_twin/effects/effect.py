@@ -125,12 +125,12 @@ class Course:
     """How a parameter of the plant goes over time, as a factor on its last value.
 
     Attributes:
-        factor: parameters of the effect, K stamps [s] -> the factor, (K,).
+        factor: parameters of the effect, one stamp or K [s] -> the factor, (K,).
         slopes: the same -> its derivatives by the P parameters, (P, K).
         interval: parameters of the effect -> the stamps [s] between which it changes.
     """
 
-    factor: Callable[[tuple[float, ...], FloatArray], FloatArray]
+    factor: Callable[[tuple[float, ...], float | FloatArray], FloatArray]
     slopes: Callable[[tuple[float, ...], FloatArray], FloatArray]
     interval: Callable[[tuple[float, ...]], tuple[float, float]]
 

@@ -144,6 +144,7 @@ class Problem:
             candidate: what is run.
         """
         stages = candidate.system.stages
+        times = np.array([stage.time for stage in stages])
         plant, laws, shifts = [], [], []
         T, inputs = candidate.sample_time, candidate.plant.inputs
         for k, unknown in enumerate(self.unknowns):
@@ -158,7 +159,7 @@ class Problem:
                 placed = candidate.effects[int(unknown.owner)]
                 effect, begin = placed.effect, candidate.system.begins[int(unknown.owner)]
                 if effect.course is not None:
-                    name, times = placed.port.name, np.array([stage.time for stage in stages])
+                    name = placed.port.name
                     slope = effect.course.slopes(placed.values, times)[
                         list(placed.named).index(unknown.name)]
                     plant.append((k, (name, candidate.values[name] * slope * worth)))

@@ -297,7 +297,7 @@ def assemble(plant: Plant, values: Mapping[str, float], effects: Sequence[Placed
     if not courses:
         return now
     begins, ends = zip(*(course.interval(drift) for course, drift in courses), strict=True)
-    change = sum(abs(math.log(course.factor(drift, np.array(begin))))
+    change = sum(abs(math.log(course.factor(drift, begin)))
                  for (course, drift), begin in zip(courses, begins, strict=True))
     # A power of two, so that the number seldom changes while a rate is searched.
     stages = min(STAGES, 2 ** max(0, math.ceil(math.log2(max(change, STAGE) / STAGE))))

@@ -154,7 +154,7 @@ def _changes(placed: Placed, course: Course, model: Model) -> str:
     """Say from what to what a parameter drifts, and when."""
     begin, end = course.interval(placed.values)
     last = model.values[placed.port.name]
-    first = last * float(course.factor(placed.values, np.array(begin)))
+    first = last * float(course.factor(placed.values, begin))
     idle = placed.named['idle']
     since = f'from {_short(idle)} s on, ' if idle else ''
     return (f'{since}from {_short(first)} to {_short(last)} {placed.port.unit} in '
