@@ -151,6 +151,7 @@ class Effect:
         reads: the signals of the port it reads, in the order of s; 'value' for what reaches it.
         unit_read: unit that the first signal must have; '' for any.
         memory: how many numbers it keeps.
+        keeps_by: the parameter without which, at zero, it makes no use of them; '' if there is none.
         swings: how many of the first of them may have any value at the start of a recording, as
             position and speed of a load that swings, if its last parameter is not zero.
         starts: what the recording reaches -> sets of parameters to begin a search at.
@@ -194,6 +195,7 @@ class Effect:
     reads: tuple[str, ...] = ()
     unit_read: str = ''
     memory: int = 0
+    keeps_by: str = ''
     swings: int = 0
     implicit: bool = False
     shifts: str = ''
@@ -258,6 +260,12 @@ class Placed:
     def swings(self) -> int:
         """How many numbers say how it swings at the start of a recording."""
         return self.effect.swings if self.effect.swings and self.values[-1] else 0
+
+    @property
+    def remembers(self) -> bool:
+        """Whether what it gives depends on what it keeps."""
+        by = self.effect.keeps_by
+        return self.effect.memory > 0 and (not by or self.named[by] != 0.0)
 
     def scaled(self, strength: float) -> Placed:
         """Make the effect so many times as strong, within its bounds, if it has a strength."""

@@ -51,8 +51,8 @@ def is_determined(fit: Fit, index: int, parts: Sequence[Part]) -> bool:
     standard error is wide, a profile decides: the model may depart from what its derivatives
     promise, as where a delay stands beside an inertia that may be small.
     """
-    effect = fit.candidate.effects[index].effect
-    if not (effect.memory or effect.dynamic):
+    placed = fit.candidate.effects[index]
+    if not (placed.remembers or placed.effect.dynamic):
         return True
     known = fit.identifiability()
     errors = dict(zip(known.coordinates, np.sqrt(np.diag(known.covariance)), strict=True))

@@ -101,7 +101,7 @@ def _least_squares(X: FloatArray, target: FloatArray
 
 def branches(placed: Placed) -> bool:
     """Whether what a law adds differs with the direction in which its signal moves."""
-    return placed.effect.memory > 0 and not placed.effect.implicit
+    return placed.remembers and not placed.effect.implicit
 
 
 def _rises(values: FloatArray) -> np.ndarray:

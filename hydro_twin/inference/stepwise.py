@@ -132,13 +132,13 @@ def _memoryless_first(alternatives: Sequence[Alternative], base: Fit, context: C
         context: the data.
     """
     first = alternatives[0]
-    effect = first.placed.effect
-    if effect.memory == 0 or effect.implicit or effect.dynamic:
+    placed = first.placed
+    if not placed.remembers or placed.effect.implicit or placed.effect.dynamic:
         return list(alternatives)
     for rival in alternatives[1:]:
         enough = base.error**2 - rival.fit.error**2 > AS_MUCH * (
             base.error**2 - first.fit.error**2)
-        static = rival.placed.effect.memory == 0 and not rival.placed.effect.dynamic
+        static = not (rival.placed.remembers or rival.placed.effect.dynamic)
         if static and enough:
             others = (one for one in alternatives if one is not rival)
             for static_law in _at_ports(rival.fit, context):

@@ -5,6 +5,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 import numpy as np
 import pytest
+from scipy.integrate import solve_ivp
 from scipy.optimize import brentq
 
 from hydro_twin.effects import EFFECTS
@@ -23,11 +24,11 @@ def law(key):
 
 
 def apply(key, v, parameters, signals=()):
-    """Evaluate a law without memory, one value after another."""
+    """Evaluate a law, one value after another, before it remembers any."""
     signals = [np.broadcast_to(s, np.shape(v)) for s in signals]
     return np.array([
         law(key)(value, np.array([*(s[k] for s in signals), 0.0]), np.array(parameters),
-                 np.zeros(0), 1e-3, 0.0, np.zeros(0))
+                 np.zeros(AT[key].memory), 1e-3, 0.0, np.zeros(AT[key].memory))
         for k, value in enumerate(v)])
 
 
@@ -113,9 +114,52 @@ def test_a_speed_through_an_orifice_is_that_at_which_flow_and_load_agree():
         return brentq(lambda y: v * np.sqrt(1 - y / v_l) - y, 0.0, v_l)
 
     expected = [meets(v, up) if v > 0 else -meets(-v, down) for v in asked]
-    found = apply(('orifice', 'speed'), asked, [0.4, 0.25], [asked])
+    found = apply(('orifice', 'speed'), asked, [0.4, 0.25, 0.0, 0.0], [asked, 0.0 * asked])
     np.testing.assert_allclose(found, expected, atol=1e-12)
     assert -down < found.min() < found.max() < up
+
+
+def test_a_mass_on_oil_behind_an_orifice_moves_as_its_equations_say():
+    """As scipy integrates them, with an error that falls with the square of the step."""
+    def asked(t):
+        return 0.3 * math.sin(2.0 * t) + 0.15 * math.tanh(5.0 * math.sin(4.0 * t))
+
+    v_l, imbalance, inertia, compliance = 0.8, 0.2, 0.12, 0.004
+
+    def rates(t, state):
+        y, P = state
+        drop = 1.0 - P / (1.0 + imbalance if asked(t) > 0 else imbalance - 1.0)
+        flow = asked(t) * math.copysign(math.sqrt(abs(drop)), drop)
+        return [(P - y / v_l) / inertia, (flow - y) / compliance]
+
+    exact = solve_ivp(rates, (0.0, 3.0), [0.0, 0.0], 'LSODA', rtol=1e-9, atol=1e-11,
+                      max_step=1e-3, dense_output=True).sol
+    errors = []
+    for step in (0.01, 0.005, 0.0025):
+        times = step * np.arange(round(3.0 / step) + 1)
+        z, out = np.zeros(7), []
+        for k, t in enumerate(times):
+            z_next = z.copy()
+            out.append(law(('orifice', 'speed'))(
+                asked(t), np.array([0.0, float(k)]),        # it does not stand
+                np.array([v_l, imbalance, inertia, compliance]), z, step, 0.0, z_next))
+            z = z_next
+        errors.append(np.abs(np.array(out) - exact(times)[0]).max())
+    assert errors[0] < 0.01 * 0.45
+    np.testing.assert_allclose(errors[:-1] / np.array(errors[1:]), 4.0, rtol=0.1)
+
+
+@pytest.mark.parametrize('asked', [-0.5, 0.2])
+def test_a_mass_behind_an_orifice_ends_at_the_steady_speed(asked):
+    parameters = [0.4, 0.25, 0.1, 0.003]
+    z = np.array([0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0])
+    for _ in range(5000):
+        z_next = z.copy()
+        found = law(('orifice', 'speed'))(asked, np.zeros(2), np.array(parameters), z, 1e-3, 0.0,
+                                          z_next)
+        z = z_next
+    steady = apply(('orifice', 'speed'), [asked], [*parameters[:2], 0.0, 0.0], [asked, 0.0])
+    np.testing.assert_allclose(found, steady[0], rtol=1e-9)
 
 
 @pytest.mark.parametrize('key', [('rate_limit', 'rate'), ('saturation', 'opening')])

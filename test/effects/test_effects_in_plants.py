@@ -21,7 +21,7 @@ NEUTRAL = {   # parameters with which a law changes nothing
     'stiffening': (0.0, 0.0, 1.0),
     'ripple': (0.0, 0.0, 9.0, 0.0, 0.0, 0.0, 0.0), 'gain': (0.0,), 'end_stop': (-1e9, 1e9),
 }
-AT_KIND = {('orifice', 'speed'): (INF, 0.0), ('friction', 'balance'): (0.0,)}   # of the same name
+AT_KIND = {('orifice', 'speed'): (INF, 0.0, 0.0, 0.0), ('friction', 'balance'): (0.0,)}   # of the same name
 SITES = [(plant, effect, port) for plant in PLANTS.values() for effect in EFFECTS
          for port in sites(effect, plant) if effect.course is None]
 AMPLITUDES = {'u_m': 0.4, 'theta_d': 0.1, 'force': 100.0}
@@ -242,6 +242,36 @@ def test_a_cylinder_leaves_its_end_as_soon_as_it_is_driven_back():
     placed = place('end_stop', 'piston', {'lower': -0.05, 'upper': 0.1}, plant)
     found = assemble(plant, p, [placed]).run(command[:, None], np.zeros(2))
     np.testing.assert_allclose(found, true, atol=2e-4)
+
+
+@pytest.mark.parametrize(('placed_first', 'substeps'), [('orifice', 1), ('end_stop', 4)])
+def test_a_mass_at_its_end_has_lost_its_speed(placed_first, substeps):
+    """Against small steps of the law; with the speed that it had it would leave its end late."""
+    plant = PLANTS['cylinder']
+    p = values(plant) | {'tau': 0.02, 'K_v': 0.5}
+    load = {'full_load_speed': 2.0, 'imbalance': 0.0, 'inertia': 0.2, 'compliance': 0.003}
+    t = plant.sample_time * np.arange(1500)
+    command = np.sin(2 * np.pi * 0.5 * t)
+    q = x = y = P = 0.0
+    true, fine = [], plant.sample_time / 200
+    for k in range(len(t) * 200):
+        if k % 200 == 0:
+            true.append(x)
+        q += fine * (command[k // 200] - q) / p['tau']
+        drop = 1.0 - P * math.copysign(1.0, q)
+        P += fine * (p['K_v'] * q * math.copysign(math.sqrt(abs(drop)), drop) - y) / 0.003
+        y += fine * (P - y / 2.0) / 0.2
+        x += fine * y
+        if not -0.05 < x < 0.1:
+            x, y = min(max(x, -0.05), 0.1), 0.0
+    assert max(true) == 0.1
+    assert min(true) == -0.05
+    effects = [place('orifice', 'piston', load, plant),
+               place('end_stop', 'piston', {'lower': -0.05, 'upper': 0.1}, plant)]
+    if placed_first == 'end_stop':
+        effects.reverse()
+    found = assemble(plant, p, effects, substeps=substeps).run(command[:, None], np.zeros(2))
+    np.testing.assert_allclose(found, true, atol=4e-4)
 
 
 def test_a_delay_of_whole_samples_shifts_the_output():
