@@ -151,7 +151,7 @@ class Effect:
         reads: the signals of the port it reads, in the order of s; 'value' for what reaches it.
         unit_read: unit that the first signal must have; '' for any.
         memory: how many numbers it keeps.
-        keeps_by: the parameter without which, at zero, it makes no use of them; '' if there is none.
+        keeps_by: the parameter that, at zero, makes it leave them unused; '' if there is none.
         swings: how many of the first of them may have any value at the start of a recording, as
             position and speed of a load that swings, if its last parameter is not zero.
         starts: what the recording reaches -> sets of parameters to begin a search at.

@@ -21,7 +21,8 @@ NEUTRAL = {   # parameters with which a law changes nothing
     'stiffening': (0.0, 0.0, 1.0),
     'ripple': (0.0, 0.0, 9.0, 0.0, 0.0, 0.0, 0.0), 'gain': (0.0,), 'end_stop': (-1e9, 1e9),
 }
-AT_KIND = {('orifice', 'speed'): (INF, 0.0, 0.0, 0.0), ('friction', 'balance'): (0.0,)}   # of the same name
+AT_KIND = {         # of the same name
+    ('orifice', 'speed'): (INF, 0.0, 0.0, 0.0), ('friction', 'balance'): (0.0,)}
 SITES = [(plant, effect, port) for plant in PLANTS.values() for effect in EFFECTS
          for port in sites(effect, plant) if effect.course is None]
 AMPLITUDES = {'u_m': 0.4, 'theta_d': 0.1, 'force': 100.0}
