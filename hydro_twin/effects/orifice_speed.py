@@ -4,7 +4,7 @@ from __future__ import annotations
 import math
 
 from hydro_twin.compiled import compiled
-from hydro_twin.effects.effect import Effect, EffectParameter, Span, Starts
+from hydro_twin.effects.effect import Effect, EffectParameter, Quantity, Span, Starts
 
 GAMMA = 2.0 - math.sqrt(2.0)    # share of a step that TR-BDF2 takes by the trapezoidal rule
 ROUND = 1e-9            # of the pressure drop: keeps the slope of its root finite
@@ -121,4 +121,5 @@ EFFECT = Effect(
     law=law,
     memory=7,
     keeps_by='inertia',
+    shows=(Quantity('load_pressure', '1', lambda _: {2: 1.0}),),
 )
