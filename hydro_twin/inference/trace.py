@@ -26,7 +26,12 @@ from hydro_twin.inference.evidence import Evidence
 from hydro_twin.inference.excerpt import excerpt, harmless_factor, resampled
 from hydro_twin.inference.explanation import explain, Explanation
 from hydro_twin.inference.findings import Selection, share
-from hydro_twin.inference.held_out import held_out_gain, improvement, residuals
+from hydro_twin.inference.held_out import (
+    held_out_gain,
+    improvement,
+    residuals,
+    surer_improvement,
+)
 from hydro_twin.inference.limits import without_unreached
 from hydro_twin.inference.memory import combine_with_earlier, named
 from hydro_twin.inference.noise import bursts, lines, noise_floor
@@ -326,7 +331,9 @@ def _gain(before: Fit, after: Fit, test: Recording, seed: int) -> tuple[Improvem
     """Compare two models on held-out data.
 
     By the free run, or by the error over a horizon: where the start decides a free run, and where
-    a free run improves, but by its start alone not for sure.
+    a free run improves, but by its start alone not for sure. An error over a horizon that falls,
+    but hardly where one of few windows meets what was not there to be fitted, as an end stop, may
+    fall for sure by its geometric mean.
 
     Returns:
         The improvement, and whether it is that of the error over a horizon.
@@ -338,7 +345,10 @@ def _gain(before: Fit, after: Fit, test: Recording, seed: int) -> tuple[Improvem
         if gain.low > 0.0 or not gain.relative > 0.0:
             return gain, False
         then = errors_over_horizon(after.candidate, test)
-    return improvement(errors_over_horizon(before.candidate, test), then, seed), True
+    first = errors_over_horizon(before.candidate, test)
+    gain = improvement(first, then, seed)
+    unsure = gain.low <= 0.0 < gain.relative
+    return surer_improvement(first, then, seed) if unsure else gain, True
 
 
 def _on_all(found: FittedCurve, after: Fit, data: _Data, seed: int) -> FittedCurve | None:
