@@ -3,6 +3,7 @@ from dataclasses import replace
 import importlib
 import json
 import math
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -11,12 +12,15 @@ import yaml
 
 from hydro_twin.as_json import as_json
 from hydro_twin.commands.main import main
+from hydro_twin.fitting.horizon import errors_over_horizon
 from hydro_twin.fitting.linear import fit_linear
 from hydro_twin.fitting.parts import parts_of
+from hydro_twin.inference.held_out import improvement
 from hydro_twin.inference.trace import evidence, trace
 from hydro_twin.inference.verdict import verdict_of
-from hydro_twin.model import place, read_model
+from hydro_twin.model import Model, place, read_model
 from hydro_twin.plants import plant_named
+from hydro_twin.predictors.scores import rms
 from hydro_twin.recording.read import read_recording
 from hydro_twin.recording.series import Recording, Series, split
 from hydro_twin.recording.signals import load_signals
@@ -279,6 +283,32 @@ def test_what_may_make_the_free_run_worse_where_nothing_was_fitted_is_not_named(
     assert found.found is None
     assert found.after is found.before
     assert verdict_of(found) == 'unexplained'
+
+
+def test_a_stop_that_only_one_held_out_series_meets_does_not_refute_the_other():
+    """Of a cylinder, whose lower stop was not among the data that were fitted."""
+    plant = plant_named('cylinder')
+    values = {'tau': 0.05, 'K_v': 0.1}
+    both, upper = ((place('end_stop', 'piston', {'lower': lower, 'upper': 0.2}, plant),)
+                   for lower in (-0.1, -1e9))
+    series = [simulate(plant, values, both, {'command': command}, 6.0) for command in (
+        lambda t: 1.2 * np.sin(t), lambda t: 1.5 * np.sin(t), lambda t: -3.0 * np.sin(t))]
+    rng = np.random.default_rng(0)
+    for one in series:
+        one.columns['x'][:] += 1e-3 * rng.standard_normal(len(one))
+    # Fitted without a stop, the cylinder is too slow.
+    before, after = (SimpleNamespace(candidate=Model(
+        plant, values | {'K_v': K_v}, plant.sample_time, effects))
+        for K_v, effects in ((0.0985, ()), (0.1, upper)))
+    test = Recording(tuple(series))
+    then, now = (errors_over_horizon(one.candidate, test) for one in (before, after))
+    falls = [rms(a) / rms(b) for a, b in zip(now, then, strict=True)]
+    assert max(falls[:2]) < 0.1 < 1.0 < falls[2]
+    assert improvement(then, now, 0).low < 0.0 < improvement(then, now, 0).relative
+    gain, by_horizon = importlib.import_module('hydro_twin.inference.trace')._gain(
+        before, after, test, 0)
+    assert by_horizon
+    assert gain.low > 0.0
 
 
 @pytest.mark.slow
