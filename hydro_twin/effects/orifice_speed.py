@@ -89,7 +89,7 @@ def starts(span: Span) -> Starts:
 
 
 def refined(span: Span, values: tuple[float, ...]) -> Starts:
-    """Give the load a mass, on oil that gives way and on stiff oil; or let the two ways differ.
+    """Give the load a mass, on compressible oil and on stiff oil; or let the two ways differ.
 
     What accelerates a mass was taken for a viscous load, of which there is less.
     """
