@@ -267,6 +267,11 @@ class Placed:
         by = self.effect.keeps_by
         return self.effect.memory > 0 and (not by or self.named[by] != 0.0)
 
+    @property
+    def branches(self) -> bool:
+        """Whether what it adds depends on how the signal came to its value, as in a loop."""
+        return self.remembers and not self.effect.implicit
+
     def scaled(self, strength: float) -> Placed:
         """Make the effect so many times as strong, within its bounds, if it has a strength."""
         return replace(self, values=tuple(

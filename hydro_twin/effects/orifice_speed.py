@@ -15,7 +15,7 @@ COMPRESSED = 0.3        # travel that compresses the oil, of that made while the
 
 @compiled
 def law(v, s, p, z, h, c, z_next):  # type: ignore[no-untyped-def]
-    """Give the speed y of a load that a valve moves, which asks for v if nothing resists.
+    """Give the speed y of a load behind a valve that moves it at v where nothing resists.
 
     P is the load pressure over that of the supply, at most 1 + imbalance up, 1 - imbalance down:
         inertia y' = P - y / v_l                                    [Newton]
@@ -23,12 +23,13 @@ def law(v, s, p, z, h, c, z_next):  # type: ignore[no-untyped-def]
     Without inertia, y = v sqrt(1 - |y| / (v_l |P_most|)), solved for y. A step is one of TR-BDF2
     [Bank et al. 1985]: of second order, it neither damps what swings nor rings where oil is stiff.
 
-    z is v, y and P at the start of the step, the position at that of the last, the travel that was
-    due in it, the same if none was made, and whether there was a step. At an end stop, y is zero.
+    At an end stop y is zero. z is v, y and P at the start of the step; the position at the start
+    of the last step, the travel that was due in that, and the same if none was made (what is
+    written at h = 0, the start of a step, stays); and whether there was a step.
     """
     inertia, compliance = p[2], p[3]
     if inertia == 0.0 or z[6] == 0.0:
-        half = 0.5 * abs(v) / (p[0] * (1.0 + p[1] if v > 0.0 else 1.0 - p[1]))
+        half = 0.5 * abs(v) / (p[0] * abs(most(v, p[1])))
         steady = v / (math.sqrt(1.0 + half * half) + half)
         z_next[0] = v
         z_next[1] = steady
@@ -65,22 +66,28 @@ def law(v, s, p, z, h, c, z_next):  # type: ignore[no-untyped-def]
 
 
 @compiled
+def most(v, imbalance):  # type: ignore[no-untyped-def]
+    """Give P_most, with its sign."""
+    return 1.0 + imbalance if v > 0.0 else imbalance - 1.0
+
+
+@compiled
 def flow(v, P, imbalance):  # type: ignore[no-untyped-def]
     """Give v sqrt(1 - P / P_most): back through the valve where P is above what is supplied."""
-    drop = 1.0 - P / (1.0 + imbalance if v > 0.0 else imbalance - 1.0)
+    drop = 1.0 - P / most(v, imbalance)
     return v * drop / math.sqrt(abs(drop) + ROUND)
 
 
 @compiled
 def pressure(v, known, factor, g, imbalance):  # type: ignore[no-untyped-def]
     """Solve factor P = known + g v sqrt(1 - P / P_most), quadratic in the root, for P."""
-    most = 1.0 + imbalance if v > 0.0 else imbalance - 1.0
+    limit = most(v, imbalance)
     linear = g * abs(v)
-    square = factor * abs(most)
+    square = factor * abs(limit)
     lacking = square - known if v > 0.0 else square + known
     root = 2.0 * lacking / (
         linear + math.sqrt(linear * linear + 4.0 * square * abs(lacking)) + TINY)
-    return most * (1.0 - root * abs(root))
+    return limit * (1.0 - root * abs(root))
 
 
 def starts(span: Span) -> Starts:

@@ -127,7 +127,7 @@ def with_rivals_of_short_windows(selection: Selection, context: Context) -> Sele
         rivals: dict[str, Placed] = {}
         for placed, _ in found.rivals:
             effect = placed.effect
-            is_free = effect.dynamic or (placed.remembers and not effect.implicit)
+            is_free = effect.dynamic or placed.branches
             if effect.id not in named and not is_free:
                 rivals.setdefault(effect.id, placed)
         score, *scores = delta_bic(list(search_all(

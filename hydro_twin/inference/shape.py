@@ -60,7 +60,7 @@ def free_curves(fit: Fit, placed: Placed, seen: Sequence[EffectSignals], name: s
     columns, target, starts = [], [], []
     for p in seen:
         shape = hats(p.signals[name], knots)
-        if branches(placed):
+        if placed.branches:
             rises = _rises(p.signals[name])[:, None]
             shape = np.hstack([shape * rises, shape * ~rises])
         columns.append(whitened(signal.lfilter(b, a, shape, axis=0)))
@@ -78,7 +78,7 @@ def free_curves(fit: Fit, placed: Placed, seen: Sequence[EffectSignals], name: s
     spread = covariance @ (np.transpose(pulls) @ np.array(pulls)) @ covariance
     count = columns[0].shape[1]
     curve, error = (found / size)[:count], (np.sqrt(np.diag(spread)) / size)[:count]
-    if not branches(placed):
+    if not placed.branches:
         return [FreeCurve('free curve', knots, curve, error)]
     half = len(knots)
     return [FreeCurve('free curve, rising', knots, curve[:half], error[:half]),
@@ -97,11 +97,6 @@ def _least_squares(X: FloatArray, target: FloatArray
     scaled = X / size
     covariance = np.linalg.pinv(scaled.T @ scaled, rcond=1e-10, hermitian=True)
     return scaled, size, covariance, covariance @ (scaled.T @ target)
-
-
-def branches(placed: Placed) -> bool:
-    """Whether what a law adds differs with the direction in which its signal moves."""
-    return placed.remembers and not placed.effect.implicit
 
 
 def _rises(values: FloatArray) -> np.ndarray:

@@ -132,8 +132,7 @@ def _memoryless_first(alternatives: Sequence[Alternative], base: Fit, context: C
         context: the data.
     """
     first = alternatives[0]
-    placed = first.placed
-    if not placed.remembers or placed.effect.implicit or placed.effect.dynamic:
+    if not first.placed.branches or first.placed.effect.dynamic:
         return list(alternatives)
     for rival in alternatives[1:]:
         enough = base.error**2 - rival.fit.error**2 > AS_MUCH * (

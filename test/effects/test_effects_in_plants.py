@@ -1,6 +1,7 @@
 """Every effect on every plant that takes it: its limits, its energy, and the time stepping."""
 import math
 
+from loaded_cylinder import moved
 import numpy as np
 import pytest
 from scipy import integrate, signal
@@ -253,18 +254,7 @@ def test_a_mass_at_its_end_has_lost_its_speed(placed_first, substeps):
     load = {'full_load_speed': 2.0, 'imbalance': 0.0, 'inertia': 0.2, 'compliance': 0.003}
     t = plant.sample_time * np.arange(1500)
     command = np.sin(2 * np.pi * 0.5 * t)
-    q = x = y = P = 0.0
-    true, fine = [], plant.sample_time / 200
-    for k in range(len(t) * 200):
-        if k % 200 == 0:
-            true.append(x)
-        q += fine * (command[k // 200] - q) / p['tau']
-        drop = 1.0 - P * math.copysign(1.0, q)
-        P += fine * (p['K_v'] * q * math.copysign(math.sqrt(abs(drop)), drop) - y) / 0.003
-        y += fine * (P - y / 2.0) / 0.2
-        x += fine * y
-        if not -0.05 < x < 0.1:
-            x, y = min(max(x, -0.05), 0.1), 0.0
+    true, _ = moved(command, plant.sample_time, p['tau'], p['K_v'], load, (-0.05, 0.1))
     assert max(true) == 0.1
     assert min(true) == -0.05
     effects = [place('orifice', 'piston', load, plant),

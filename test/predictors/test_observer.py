@@ -2,6 +2,7 @@
 from dataclasses import replace
 import math
 
+from loaded_cylinder import moved
 import numpy as np
 import pytest
 from scipy.linalg import cholesky, expm
@@ -230,21 +231,10 @@ def test_the_load_pressure_of_a_cylinder_is_seen_through_its_position():
     rng = np.random.default_rng(4)
     t = 0.002 * np.arange(3000)
     command = 2.0 * np.sin(9.0 * t) * np.sin(2.5 * t)
-    tau, K_v, v_l, inertia, compliance = 0.02, 0.15, 0.8, 0.1, 0.003
-    q = x = y = P = 0.0
-    truth, position = np.empty(3000), np.empty(3000)
-    for k in range(300_000):
-        if k % 100 == 0:
-            truth[k // 100], position[k // 100] = P, x
-        q += 2e-5 * (command[k // 100] - q) / tau
-        flow = K_v * q * math.sqrt(1.0 - P * math.copysign(1.0, q))
-        P += 2e-5 * (flow - y) / compliance
-        y += 2e-5 * (P - y / v_l) / inertia
-        x += 2e-5 * y
-    placed = place('orifice', 'piston', {
-        'full_load_speed': v_l, 'imbalance': 0.0, 'inertia': inertia, 'compliance': compliance},
-        cylinder)
-    model = Model(cylinder, {'tau': tau, 'K_v': K_v}, 0.002, (placed,),
+    values = {'tau': 0.02, 'K_v': 0.15}
+    load = {'full_load_speed': 0.8, 'imbalance': 0.0, 'inertia': 0.1, 'compliance': 0.003}
+    position, truth = moved(command, 0.002, **values, load=load)
+    model = Model(cylinder, values, 0.002, (place('orifice', 'piston', load, cylinder),),
                   noise=Noise(1e-4, {'q': 0.1}, {'q': 0.1, 'x': 1e-3}))
     observer = Analytical(model).filter
     assert observer.names == ('q', 'x', 'piston_orifice_load_pressure')
