@@ -58,7 +58,8 @@ def eliminate(residual: FloatArray, by_state: FloatArray, linear_response: Float
     weighted by how well they are fitted: a model error that shows later must not be attributed to
     the initial state. The memory of the effects changes within its margins only: beyond them the
     derivatives belong to no law, and a narrow hysteresis would explain any drift of a valve at
-    rest.
+    rest. Nor does a valve begin further open than any command asks for: that would explain the
+    movement of a whole window.
 
     Args:
         residual: measured minus predicted output, of all parts, (N,).
@@ -70,7 +71,7 @@ def eliminate(residual: FloatArray, by_state: FloatArray, linear_response: Float
             (P, 3).
         by_unknowns: derivatives of the output by the other unknowns, (N, d).
         weights: of the first samples, if they are to be kept.
-        margins: of the memory, see `InitialStates`; None: no limit.
+        margins: of states and memory, see `InitialStates`; None: no limit.
     """
     s = by_state.shape[1]
     columns = np.column_stack([by_state, residual, *([] if by_unknowns is None
@@ -102,8 +103,9 @@ def eliminate(residual: FloatArray, by_state: FloatArray, linear_response: Float
     _add_ridge(normal)
     change = np.linalg.solve(normal, right)
     if margins is not None:
-        bounds = margins * np.where(response > 0.0, scale, 0.0)[:, n:, None]
-        wanted = change[:, n:, 0]
+        shows = (response > 0.0)[..., None]
+        bounds = np.where(shows, margins, 0.0) * np.where(shows, scale[..., None], 1.0)
+        wanted = change[:, :, 0]
         for k in np.flatnonzero(((wanted < bounds[..., 0]) | (wanted > bounds[..., 1])
                                  ).any(axis=1) & finite):
             change[k] = _solve_bounded(normal[k], right[k], bounds[k])
@@ -246,21 +248,20 @@ def subtract_explained(columns, parts, change, left):  # type: ignore[no-untyped
 
 
 def _solve_bounded(normal: FloatArray, right: FloatArray, bounds: FloatArray) -> FloatArray:
-    """Solve normal equations; the last unknowns of the first column stay within bounds.
+    """Solve normal equations; the unknowns of the first column stay within bounds, (s, 2).
 
     One that would leave them is held at the bound, where it no longer follows the other columns.
     """
     free = np.ones(len(normal), dtype=bool)
-    limited = np.arange(len(normal) - len(bounds), len(normal))
     found: FloatArray = np.linalg.solve(normal, right)
     for _ in bounds:
-        wanted = found[limited, 0]
+        wanted = found[:, 0].copy()
         within = np.clip(wanted, bounds[:, 0], bounds[:, 1])
-        beyond = limited[within != wanted]
-        if not len(beyond):
+        beyond = within != wanted
+        if not beyond.any():
             break
         free[beyond] = False
-        found[limited, 0] = within
+        found[:, 0] = within
         found[~free, 1:] = 0.0
         rest = right[free] - normal[np.ix_(free, ~free)] @ found[~free]
         found[free] = np.linalg.solve(normal[np.ix_(free, free)], rest)

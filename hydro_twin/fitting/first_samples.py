@@ -23,12 +23,14 @@ class FirstSamples:
         measured: the output, (P, N).
         own: which of the samples are of the part, (P, N).
         sizes: movement of the output of each that is worth following, RMS, above zero, (P,).
+        largest: magnitude of each input, in all that follows, too, (m,).
     """
 
     inputs: FloatArray
     measured: FloatArray
     own: npt.NDArray[np.bool_]
     sizes: FloatArray
+    largest: FloatArray
 
     @property
     def counts(self) -> IntArray:
@@ -47,11 +49,12 @@ class FirstSamples:
             np.stack([part.inputs[rows] for part, rows in zip(parts, taken, strict=True)]),
             measured, every < counts[:, None],
             np.array([max(rms(one[:n] - one[:n].mean()), LEAST * part.size, 1e-12)
-                      for part, one, n in zip(parts, measured, counts.tolist(), strict=True)]))
+                      for part, one, n in zip(parts, measured, counts.tolist(), strict=True)]),
+            np.abs(np.concatenate([part.inputs for part in parts])).max(axis=0))
 
     def at(self, parts: IntArray) -> FirstSamples:
         """Take those of some parts."""
         own = self.own[parts]
         longest = int(own.sum(axis=1).max())
         return FirstSamples(self.inputs[parts, :longest], self.measured[parts, :longest],
-                            own[:, :longest], self.sizes[parts])
+                            own[:, :longest], self.sizes[parts], self.largest)

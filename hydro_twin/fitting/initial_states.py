@@ -15,8 +15,8 @@ class InitialStates:
     Attributes:
         x: of the plant, (P, n).
         z: the memory of the effects, (P, memory).
-        margins: by how much that can change, down and up, (P, memory, 2): the follower of a play
-            is somewhere between its edges.
+        margins: by how much state and memory can change, down and up, (P, n + memory, 2): the
+            follower of a play is somewhere between its edges.
         rms: of the residual over the first samples, (P,).
     """
 
@@ -36,7 +36,7 @@ class InitialStates:
         """Add a change of states and memory, (P, n + memory)."""
         n = self.x.shape[1]
         return replace(self, x=self.x + change[:, :n], z=self.z + change[:, n:],
-                       margins=self.margins - change[:, n:, None])
+                       margins=self.margins - change[..., None])
 
     def with_others(self, parts: IntArray, others: InitialStates) -> InitialStates:
         """Replace those of some parts."""

@@ -24,8 +24,8 @@ SUBSTEPS = 2            # steps in a sample of a search, which the last fits ref
 DRAWS, FEW = 24, 6      # of the box; parts from which on one, the shortest, ranks them
 SHORT, KEPT = 10, 2     # evaluations of the search from each start, and starts that go on
 LITTLE = 0.5            # mean square that a fit of the right sign leaves, over the movement's
-REVERSED = 0.2          # mean square that the right sign leaves, over that of the wrong one: half
-#                         and more if a controller acts against disturbances
+REVERSED = 0.1          # mean square that the right sign leaves, over that of the wrong one: a
+#                         seventh and more if a controller acts against disturbances
 OUTSIDE = 0.99          # error over that within the box, below which parameters leave it: less
 #                         is gained by those that the data hardly determine
 GIVEN = 4               # steps in a sample with given effects: no search refines them later

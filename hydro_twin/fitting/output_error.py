@@ -42,7 +42,7 @@ def initial_states(model: Model, parts: Sequence[Part], near: InitialStates | No
         return find_initial_states(system.stages[earliest], first, near, lead_on)
     n, memory = len(system.laws.A), system.memory
     found = InitialStates(np.empty((len(parts), n)), np.empty((len(parts), memory)),
-                          np.empty((len(parts), memory, 2)), np.empty(len(parts)))
+                          np.empty((len(parts), n + memory, 2)), np.empty(len(parts)))
     for stage in (earliest, *later):
         here = np.flatnonzero(stages == stage)
         found = found.with_others(here, find_initial_states(

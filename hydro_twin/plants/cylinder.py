@@ -41,5 +41,6 @@ CYLINDER = Plant(
     ),
     equations=equations,
     at_rest=('q',),
+    commanded=('q',),
     start_up=0.1,                               # three lags of a valve, some 30 ms
 )

@@ -79,6 +79,7 @@ LOAD_SIMULATOR = Plant(
     ),
     equations=equations,
     at_rest=('x_v', 'omega_j', 'theta_j'),
+    commanded=('x_v',),
     start_up=0.1,               # some time constants of spool, pressure and inertia, up to 20 ms
     combinations=({'V_m': 1, 'beta_e': -1}, {'K_q': 1, 'K_sv': 1}),
     output_scale=200.0,                                         # [B19]: T_g / 200

@@ -148,6 +148,8 @@ class Plant:
             product of powers that can be known: ({'V_m': 1, 'beta_e': -1}, ...).
         at_rest: the states whose rate is taken as zero at the first sample; with the measured
             output they give the state at which a run starts.
+        commanded: the states that only the commands move, by a stable lag, as the opening of a
+            valve: what no command asked for, none of them was at.
         start_up: time [s] at the start of a series in which the measured output shows the state at
             the start, and a run from rest forgets most of it. Not scored in a free run.
         horizon: longest time [s] for which a run can follow: less than for ever near an unstable
@@ -175,6 +177,7 @@ class Plant:
     combinations: tuple[Mapping[str, int], ...] = ()
     output_scale: float = 1.0
     closed_form: ClosedForm | None = None
+    commanded: tuple[str, ...] = ()
     finest: float = 0.0
     horizon: float = math.inf
     output_range: tuple[float, float] | None = None

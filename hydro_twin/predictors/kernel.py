@@ -288,10 +288,10 @@ def run(step, x, z, work, inputs, y, seen, first, last):  # type: ignore[no-unty
 
 
 @compiled
-def run_each(step, x, z, work, inputs, which, y, seen):  # type: ignore[no-untyped-def]
-    """Fill each row of y (K, N) by a run over inputs[which[k]] from its own x[k] and z[k]."""
+def run_each(step, x, z, work, inputs, y, seen):  # type: ignore[no-untyped-def]
+    """Fill each row of y (P, N) by a run over its part of the inputs, from its own x and z."""
     for k in range(len(y)):
-        run(step, x[k], z[k], work, inputs[which[k]], y[k], seen, 0, y.shape[1])
+        run(step, x[k], z[k], work, inputs[k], y[k], seen, 0, y.shape[1])
 
 
 @compiled

@@ -141,9 +141,25 @@ class System:
         kernel.output_each(self.step, x, np.zeros((len(x), self.memory)), self.work(), inputs, y)
         return y
 
+    def commanded(self, largest: FloatArray) -> FloatArray:
+        """Return how far commands can move the states that only they move, (n,).
+
+        By the linear laws; infinity for the others, and where there is no command.
+
+        Args:
+            largest: magnitude of each input, (m,).
+        """
+        moved = [self.plant.states.index(name) for name in self.plant.commanded]
+        found: FloatArray = np.full(len(self.laws.A), np.inf)
+        A, B = self.laws.A[np.ix_(moved, moved)], self.laws.B[moved]
+        far = abs(np.linalg.solve(A, B)) @ largest
+        found[moved] = np.where(far > 0.0, far, np.inf)
+        return found
+
     def free_response(self, samples: int) -> FloatArray:
         """Response of the output to each initial state by the linear laws, (samples, n)."""
-        response, step = self.laws.C[:1], expm(self.laws.A * self.step.sample_time)
+        response, step = self.laws.C[:1], np.linalg.matrix_power(
+            self.step.M[:, :len(self.laws.A)], self.step.substeps)
         while len(response) < samples:
             response, step = np.vstack([response, response @ step]), step @ step
         return response[:samples]
@@ -175,23 +191,16 @@ class System:
         known = [sensor.name for sensor in self.plant.sensors]
         return np.array([self.step.sensors + known.index(name) for name in names], dtype=np.int64)
 
-    def run_each(self, inputs: FloatArray, which: IntArray, starts: FloatArray,
-                 samples: int | None = None) -> FloatArray:
-        """Run freely from each of K starts, state and memory side by side, (K, n + memory).
+    def run_each(self, inputs: FloatArray, x: FloatArray, z: FloatArray) -> FloatArray:
+        """Run freely over P parts side by side, each from its own state; returns outputs (P, N).
 
         Args:
-            inputs: of several parts, (P, N, m).
-            which: the part that each start belongs to, (K,).
-            starts: the states.
-            samples: how many to run over; None: all N.
-
-        Returns:
-            The outputs, (K, samples).
+            inputs: of the parts, (P, N, m).
+            x: the states, (P, n).
+            z: what the effects keep, (P, memory).
         """
-        n = len(self.laws.A)
-        y = np.empty((len(starts), inputs.shape[1] if samples is None else samples))
-        kernel.run_each(self.step, starts[:, :n].copy(), starts[:, n:].copy(), self.work(), inputs,
-                        which, y, np.empty((0, 0)))
+        y = np.empty(inputs.shape[:2])
+        kernel.run_each(self.step, x.copy(), z.copy(), self.work(), inputs, y, np.empty((0, 0)))
         return y
 
     def run_parts(self, inputs: FloatArray, edges: IntArray, x: FloatArray,

@@ -9,7 +9,7 @@ import pytest
 from hydro_twin.fitting.elimination import eliminate, eliminate_with_reruns
 from hydro_twin.fitting.initial_state_search import InitialStateSearch
 from hydro_twin.fitting.initial_states import InitialStates
-from hydro_twin.fitting.output_error import initial_states, residuals
+from hydro_twin.fitting.output_error import fitted_residuals, initial_states, residuals
 from hydro_twin.fitting.parts import Part, parts_of
 from hydro_twin.fitting.problem import Problem
 from hydro_twin.fitting.unknowns import effect_unknowns, plant_unknowns
@@ -18,6 +18,8 @@ from hydro_twin.plants import plant_named
 from hydro_twin.predictors.scores import rms
 from hydro_twin.recording.series import Recording
 from hydro_twin.simulation.simulate import simulate
+
+FREE = (-np.inf, np.inf)        # margins of what has none
 
 
 def axis(*effects):
@@ -78,7 +80,8 @@ def test_a_search_leads_on_from_the_initial_state_under_a_similar_model(effects,
     part = run_from(candidate, [0.1, 0.2])
     found = initial_states(candidate, [part])
     near = replace(found, x=np.array([[0.05, 0.21]]), rms=1e-4 * np.ones(1))
-    monkeypatch.setattr(InitialStateSearch, 'search', lambda _: pytest.fail('began afresh'))
+    monkeypatch.setattr(
+        InitialStateSearch, 'from_rest', lambda *_: pytest.fail('began afresh'))
     assert initial_states(candidate, [part], near).x[0] == pytest.approx([0.1, 0.2], rel=0.02)
 
 
@@ -174,14 +177,27 @@ def test_the_memory_of_an_effect_changes_within_its_margins():
     assert rms(free.residual) < 1e-3
     assert free.change[0, 1] == pytest.approx(0.06, rel=1e-3)
     narrow = eliminate(residual, by_state, np.ones(1), one_part(200),
-                       margins=np.array([[[-0.01, 0.02]]]))
+                       margins=np.array([[FREE, [-0.01, 0.02]]]))
     assert narrow.change[0, 1] == pytest.approx(0.02)
     left = (residual - 1.0 * ramp)[50:]                          # 50 * 0.02 is explained
     assert rms(narrow.residual) <= rms(left)
     assert rms(narrow.residual) > 0.5 * rms(left)
     wide = eliminate(residual, by_state, np.ones(1), one_part(200),
-                     margins=np.array([[[-0.1, 0.1]]]))
+                     margins=np.array([[FREE, [-0.1, 0.1]]]))
     np.testing.assert_allclose(wide.residual, free.residual, atol=1e-12)
+
+
+def test_a_valve_begins_no_further_open_than_is_asked_for():
+    """A stroke is not that of a valve that closes slowly, from an opening which none asked for."""
+    plant = plant_named('cylinder')
+    slow = Model(plant, {'tau': 0.5, 'K_v': 1e-3}, plant.sample_time)
+    time = plant.sample_time * np.arange(500)
+    part = Part(np.full((500, 1), 0.4), 0.3 * (1.0 - np.exp(-time / 0.5)))
+    found = initial_states(slow, [part])
+    assert found.x[0, 0] == pytest.approx(3.0 * 0.4)
+    assert found.margins[0, 0] == pytest.approx([-6.0 * 0.4, 0.0])
+    assert np.isinf(found.margins[0, 1]).all()
+    assert rms(fitted_residuals(slow, [part])[0]) > 0.05
 
 
 def test_a_memory_at_its_edge_follows_no_parameter():
@@ -220,7 +236,7 @@ def run_sine(_parts, initial, weights):
                      np.array([[0, 20, 400]]), np.sin(phase)[:, None], weights)
 
 
-SINE = InitialStates(np.array([[1.0]]), np.empty((1, 0)), np.empty((1, 0, 2)), np.ones(1))
+SINE = InitialStates(np.array([[1.0]]), np.empty((1, 0)), np.array([[FREE]]), np.ones(1))
 
 
 def test_a_part_is_run_again_after_a_large_change_of_its_initial_state():

@@ -218,6 +218,18 @@ def test_an_unknown_plant_is_refused_with_those_there_are():
         plant_named('servo')
 
 
+@pytest.mark.parametrize('plant', PLANTS.values(), ids=PLANTS)
+def test_only_commands_move_the_commanded_states(plant):
+    """Each by a stable lag."""
+    laws = plant.laws(TYPICAL[plant.name])
+    for name in plant.commanded:
+        i = plant.states.index(name)
+        assert laws.A[i, i] < 0.0
+        assert not np.delete(laws.A[i], i).any()
+        assert all(signal.held for signal, gain in zip(plant.inputs, laws.B[i], strict=True)
+                   if gain)
+
+
 def test_a_plant_of_one_integrator_integrates():
     def equations(p, x, u, port):
         speed = p.K_v * port('command', u.command)
