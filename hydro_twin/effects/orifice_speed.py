@@ -98,12 +98,15 @@ def starts(span: Span) -> Starts:
 def refined(span: Span, values: tuple[float, ...]) -> Starts:
     """Give the load a mass, on compressible oil and on stiff oil; or let the two ways differ.
 
-    What accelerates a mass was taken for a viscous load, of which there is less.
+    What accelerates a mass was taken for a viscous load, of which there is less. A mass that was
+    found may be on compressible oil, too: else a mode of the command takes its place.
     """
-    full = values[0]
-    loaded = [(4.0 * full, imbalance, time / span.value, compressed * time * span.value)
+    full, imbalance, inertia, _ = values
+    loaded = [(4.0 * full, uneven, time / span.value, compressed * time * span.value)
               for time in (2.0 * span.sample_time, 16.0 * span.sample_time)
-              for imbalance, compressed in ((0.1, COMPRESSED), (0.0, COMPRESSED), (0.0, 0.0))]
+              for uneven, compressed in ((0.1, COMPRESSED), (0.0, COMPRESSED), (0.0, 0.0))]
+    if inertia > 0.0:
+        loaded.append((full, imbalance, inertia, COMPRESSED * inertia * span.value**2))
     return [*loaded, (full, 0.2, 0.0, 0.0), (full, -0.2, 0.0, 0.0)]
 
 
