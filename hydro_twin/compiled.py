@@ -106,7 +106,8 @@ class _Notice(event.Listener):
     def on_start(self, event: event.Event) -> None:  # noqa: ARG002
         """Speak at the first compilation; what comes from the cache is none."""
         if not self.shown and sys.stderr.isatty():
-            print('compiling, once for this version: about 10 s, for fits 40 s', file=sys.stderr)
+            print('compiling, once for this version: about 10 s, for fits a minute',
+                  file=sys.stderr)
         self.shown = True
 
     def on_end(self, event: event.Event) -> None:

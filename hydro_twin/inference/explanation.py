@@ -112,7 +112,8 @@ def _by_likelihood(base: Fit, selection: Selection, context: Context) -> Explana
 
     Returns:
         What is found now; None where that is the same effects, but for linear dynamics, or not
-        surely better on held-out data by this likelihood, or no better by the run itself.
+        surely better on held-out data, by this likelihood or by the run itself, or no better by
+        the run.
     """
     parts, given = context.parts, base.candidate.effects
     white = replace(context, parts=whitened(parts, selection.fit),
@@ -132,8 +133,7 @@ def _by_likelihood(base: Fit, selection: Selection, context: Context) -> Explana
     if _ids(last) == _ids(selection.fit):
         return None
     first = search(selection.fit.candidate, white.parts, LONG)
-    if not held_out_gain(first, last, white.held_out, context.seed).low > 0.0:
-        return None
+    surely = held_out_gain(first, last, white.held_out, context.seed).low > 0.0
     again = _as_measured(again, parts) if again.findings else Selection(base)
     explained = Explanation(base, again, None, None)
     if found is not None:
@@ -144,7 +144,7 @@ def _by_likelihood(base: Fit, selection: Selection, context: Context) -> Explana
                      Explanation(base, named or again, None, None))
     # Innovations may be explained at the cost of the run, where no laws are exactly right.
     helps = held_out_gain(selection.fit, explained.fit, context.held_out, context.seed)
-    return explained if helps.relative > 0.0 else None
+    return explained if helps.low > 0.0 or (surely and helps.relative > 0.0) else None
 
 
 def _without_weak_dynamics(selection: Selection, white: Context, context: Context) -> Selection:
