@@ -13,12 +13,12 @@ import numpy.typing as npt
 from hydro_twin.arrays import FloatArray, IntArray
 from hydro_twin.compiled import compiled
 from hydro_twin.predictors.kernel import run, Step
-from hydro_twin.predictors.rows import in_rows
 from hydro_twin.predictors.sensitivities import (
     bound,
     FREE,
     OutputFeedback,
     run_stretches,
+    start_rows,
     UNBOUNDED,
 )
 from hydro_twin.predictors.step_derivatives import partials, rows_for
@@ -114,7 +114,7 @@ def runs_of(system: System, tangent: Tangent, samples: int) -> Runs:
     """Allocate what runs of a system over so many samples need; for the tangent see `Runs`."""
     n, kept = len(system.laws.A), lasting(system)
     columns = np.concatenate([np.arange(n), n + kept])
-    template = in_rows(np.eye(n + system.memory)[:, columns])
+    template = start_rows(system, 0)
     return Runs(
         system.step, tangent, template, columns, system.work(),
         rows_for(system, template.shape[1]), partials(system), np.empty((1, n)),

@@ -37,14 +37,15 @@ def find_initial_states(system: System, first: FirstSamples, near: InitialStates
     others = np.flatnonzero(~(found.rms < most))
     if not len(others):
         return found
-    search = InitialStateSearch(system, first)
+    some, left = first.at(others), np.arange(len(others))
+    search = InitialStateSearch(system, some)
     if lead_on:
         found = found.with_others(others, _within_edges(
-            system, first.at(others), search.from_states(others, states[others])))
+            system, some, search.from_states(left, states[others])))
         most = np.maximum(AS_GOOD * near.rms, NEAR * first.sizes)
-        others = others[~(found.rms < most)[others]]
-    if len(others):
-        afresh = _within_edges(system, first.at(others), search.from_rest(others))
+        left = np.flatnonzero(~(found.rms < most)[others])
+    if len(left):
+        afresh, others = _within_edges(system, some.at(left), search.from_rest(left)), others[left]
         better = np.flatnonzero(~(afresh.rms > found.rms[others]))
         found = found.with_others(others[better], afresh.at(better))
     return found
@@ -56,7 +57,8 @@ def _within_edges(system: System, first: FirstSamples, states: FloatArray) -> In
     x = np.clip(states[:, :n], -limits, limits)
     edges = system.memory_edges(first.inputs[:, 0], x)
     z = np.clip(states[:, n:], edges[..., 0], edges[..., 1])
-    y = system.run_each(first.inputs, x, z)
+    P, N = first.measured.shape
+    y = system.run_parts(first.inputs.reshape(P * N, -1), N * np.arange(P + 1), x, z).reshape(P, N)
     residual = np.where(first.own, first.measured - y, 0.0)
     margins = np.concatenate([np.stack([-limits - x, limits - x], axis=-1), edges - z[..., None]],
                              axis=1)

@@ -132,8 +132,6 @@ def _by_likelihood(base: Fit, selection: Selection, context: Context) -> Explana
     last = again.fit if found is None else found.fit
     if _ids(last) == _ids(selection.fit):
         return None
-    first = search(selection.fit.candidate, white.parts, LONG)
-    surely = held_out_gain(first, last, white.held_out, context.seed).low > 0.0
     again = _as_measured(again, parts) if again.findings else Selection(base)
     explained = Explanation(base, again, None, None)
     if found is not None:
@@ -144,7 +142,11 @@ def _by_likelihood(base: Fit, selection: Selection, context: Context) -> Explana
                      Explanation(base, named or again, None, None))
     # Innovations may be explained at the cost of the run, where no laws are exactly right.
     helps = held_out_gain(selection.fit, explained.fit, context.held_out, context.seed)
-    return explained if helps.low > 0.0 or (surely and helps.relative > 0.0) else None
+    if helps.low > 0.0 or not helps.relative > 0.0:
+        return explained if helps.low > 0.0 else None
+    first = search(selection.fit.candidate, white.parts, LONG)
+    helps = held_out_gain(first, last, white.held_out, context.seed)
+    return explained if helps.low > 0.0 else None
 
 
 def _without_weak_dynamics(selection: Selection, white: Context, context: Context) -> Selection:

@@ -288,13 +288,6 @@ def run(step, x, z, work, inputs, y, seen, first, last):  # type: ignore[no-unty
 
 
 @compiled
-def run_each(step, x, z, work, inputs, y, seen):  # type: ignore[no-untyped-def]
-    """Fill each row of y (P, N) by a run over its part of the inputs, from its own x and z."""
-    for k in range(len(y)):
-        run(step, x[k], z[k], work, inputs[k], y[k], seen, 0, y.shape[1])
-
-
-@compiled
 def run_stretches(step, x, z, work, inputs, y, seen, stretches):  # type: ignore[no-untyped-def]
     """Fill y (N,) by runs over parts that follow one another in the inputs (N, m).
 

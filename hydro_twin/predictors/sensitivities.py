@@ -120,6 +120,18 @@ def bound(dy, edges, limit):  # type: ignore[no-untyped-def]
                         dy[k, q, column] = 0.0
 
 
+def start_rows(system: System, count: int) -> FloatArray:
+    """Lay out the derivatives of state and memory at a start as rows, see `in_rows`.
+
+    By so many unknowns, which do not move it, by the state, and by the memory that lasts.
+    """
+    n, kept = len(system.laws.A), lasting(system)
+    columns = np.zeros((n + system.memory, count + n + len(kept)))
+    columns[:n, count:count + n] = np.eye(n)
+    columns[n + kept, count + n:] = np.eye(len(kept))
+    return in_rows(columns)
+
+
 def run_with_sensitivities(
     system: System, by: Directions, tangents: Sequence[Tangent], inputs: FloatArray,
     edges: IntArray, x: FloatArray, z: FloatArray, starts: Sequence[int | None] = (),
@@ -144,13 +156,10 @@ def run_with_sensitivities(
         and by z of the part. Zero for what does not last, and for what grows without bound, as
         under laws that are not stable.
     """
-    n, kept = x.shape[1], lasting(system)
-    columns = np.zeros((n + system.memory, by.count + n + len(kept)))
-    columns[:n, by.count:by.count + n] = np.eye(n)
-    columns[n + kept, by.count + n:] = np.eye(len(kept))
-    template, read = in_rows(columns), system.sensor_rows(sensors)
+    n, kept, read = x.shape[1], lasting(system), system.sensor_rows(sensors)
+    template = start_rows(system, by.count)
     y, dy = np.empty((len(inputs), 1 + len(read))), np.empty(
-        (len(inputs), 1 + len(read), columns.shape[1]))
+        (len(inputs), 1 + len(read), by.count + n + len(kept)))
     states, memories = x.copy(), z.copy()
     blocks, g, work = rows_for(system, template.shape[1]), partials(system), system.work()
     stages = system.stages

@@ -191,18 +191,6 @@ class System:
         known = [sensor.name for sensor in self.plant.sensors]
         return np.array([self.step.sensors + known.index(name) for name in names], dtype=np.int64)
 
-    def run_each(self, inputs: FloatArray, x: FloatArray, z: FloatArray) -> FloatArray:
-        """Run freely over P parts side by side, each from its own state; returns outputs (P, N).
-
-        Args:
-            inputs: of the parts, (P, N, m).
-            x: the states, (P, n).
-            z: what the effects keep, (P, memory).
-        """
-        y = np.empty(inputs.shape[:2])
-        kernel.run_each(self.step, x.copy(), z.copy(), self.work(), inputs, y, np.empty((0, 0)))
-        return y
-
     def run_parts(self, inputs: FloatArray, edges: IntArray, x: FloatArray,
                   z: FloatArray | None = None, starts: Sequence[int | None] = ()) -> FloatArray:
         """Run freely over P parts that follow one another, each from its own state.
