@@ -12,6 +12,7 @@ import numpy.typing as npt
 
 from hydro_twin.arrays import FloatArray, IntArray
 from hydro_twin.compiled import compiled
+from hydro_twin.fitting.cholesky import solve_cholesky
 from hydro_twin.predictors.kernel import run, Step
 from hydro_twin.predictors.sensitivities import (
     bound,
@@ -126,7 +127,7 @@ def runs_of(system: System, tangent: Tangent, samples: int) -> Runs:
 def room_for(samples: int, c: int) -> Descent:
     """Allocate a search over so many samples, at most, by c coordinates."""
     return Descent(*(np.empty(shape) for shape in (
-        c, samples, (samples, c), c, samples, c, samples, c, (c, c + 1), c)))
+        c, samples, (samples, c), c, samples, c, samples, c, (c, c), (c, 1))))
 
 
 @compiled
@@ -225,7 +226,7 @@ def from_other_branches(runs, first, at, part, squares):  # type: ignore[no-unty
             regress(at.jacobian, at.trial_residual, count, (RIDGE * first.sizes[part])**2,
                     at.normal, at.step)
             for j in range(len(scale)):
-                at.trial[j] += scale[j] * at.step[j]
+                at.trial[j] += scale[j] * at.step[j, 0]
             left = misfit(runs, first, part, at.trial, count, at.trial_residual)
             if left < best:
                 best = left
@@ -312,7 +313,7 @@ def step(runs, first, at, part, count, squares, ridge, enough):  # type: ignore[
     if not left < enough * squares:
         return squares
     for a in range(len(at.state)):
-        at.trial[a] = at.state[a] + first.scale[part, a] * at.step[a]
+        at.trial[a] = at.state[a] + first.scale[part, a] * at.step[a, 0]
     found = misfit(runs, first, part, at.trial, count, at.trial_residual)
     if not found < enough * squares:
         return squares
@@ -332,54 +333,29 @@ def copy(to, values):  # type: ignore[no-untyped-def]
 def regress(jacobian, residual, count, ridge, normal, found):  # type: ignore[no-untyped-def]
     """Regress the first residuals (N,) on the columns of the Jacobian (N, c), with a ridge.
 
-    Fills the coefficients, (c,), zero where anything has diverged; returns the sum of squares
-    that is left. The normal equations and their right side are in normal (c, c + 1).
+    Fills the coefficients, (c, 1), zero where anything has diverged; returns the sum of squares
+    that is left. The normal equations are in normal (c, c).
     """
     c = jacobian.shape[1]
-    for a in range(c):
-        found[a] = 0.0
-        for b in range(c + 1):
-            normal[a, b] = 0.0
+    found[:] = 0.0
+    normal[:] = 0.0
     for i in range(count):
         for a in range(c):
-            normal[a, c] += jacobian[i, a] * residual[i]
+            found[a, 0] += jacobian[i, a] * residual[i]
             for b in range(a + 1):
                 normal[a, b] += jacobian[i, a] * jacobian[i, b]
     trace, finite = 0.0, True
     for a in range(c):
         trace += normal[a, a]
-        finite = finite and abs(normal[a, c]) < np.inf
+        finite = finite and abs(found[a, 0]) < np.inf
     if finite and trace < np.inf:
-        solve_cholesky(normal, max(ridge + SINGULAR * trace, 1e-300), found)
+        solve_cholesky(normal, found, max(ridge + SINGULAR * trace, 1e-300))
+    else:
+        found[:] = 0.0
     squares = 0.0
     for i in range(count):
         rest = residual[i]
         for a in range(c):
-            rest -= jacobian[i, a] * found[a]
+            rest -= jacobian[i, a] * found[a, 0]
         squares += rest * rest
     return squares
-
-
-@compiled
-def solve_cholesky(normal, ridge, found):  # type: ignore[no-untyped-def]
-    """Solve (c, c + 1) equations, symmetric and given below the diagonal, by Cholesky's factor.
-
-    With a ridge on the diagonal, which bounds what rounding may leave of it.
-    """
-    c = len(normal)
-    for a in range(c):
-        normal[a, a] += ridge
-        for b in range(a + 1):
-            for j in range(b):
-                normal[a, b] -= normal[a, j] * normal[b, j]
-            if b < a:
-                normal[a, b] /= normal[b, b]
-        normal[a, a] = np.sqrt(max(normal[a, a], ridge))
-        found[a] = normal[a, c]
-        for b in range(a):
-            found[a] -= normal[a, b] * found[b]
-        found[a] /= normal[a, a]
-    for a in range(c - 1, -1, -1):
-        for b in range(a + 1, c):
-            found[a] -= normal[b, a] * found[b]
-        found[a] /= normal[a, a]

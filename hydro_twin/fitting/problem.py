@@ -17,6 +17,7 @@ from hydro_twin.fitting.initial_states import InitialStates
 from hydro_twin.fitting.output_error import initial_states, linear_response
 from hydro_twin.fitting.outputs import Layout, Pieces, sensors_in, Stack
 from hydro_twin.fitting.parts import Part
+from hydro_twin.fitting.regression import triangle
 from hydro_twin.fitting.unknowns import coordinates_of, get, log_search_box, put, Unknown
 from hydro_twin.model import Model
 from hydro_twin.parallel import in_processes
@@ -260,13 +261,22 @@ class Problem:
         """
         here = self.evaluate_base()
         lower, upper = self.bounds()
-        # The output rises by the Jacobian, so the residual falls; its triangular factor suffices.
-        orthogonal, triangle = np.linalg.qr(np.vstack([here.jacobian,
-                                                       -self.penalty_jacobian(here.coordinates)]))
-        target = orthogonal.T @ np.concatenate([here.residual, here.penalty])
-        step = lsq_linear(triangle, target, (np.maximum(lower - here.coordinates, -LONGEST_STEP),
-                                             np.minimum(upper - here.coordinates, LONGEST_STEP)))
-        return here, here.sum_of_squares - float(target @ target) + 2.0 * float(step.cost)
+        factor = self.factor(here)
+        step = lsq_linear(factor[:, :-1], -factor[:, -1],
+                          (np.maximum(lower - here.coordinates, -LONGEST_STEP),
+                           np.minimum(upper - here.coordinates, LONGEST_STEP)), method='bvls')
+        return here, 2.0 * float(step.cost)
+
+    def factor(self, here: Evaluation) -> FloatArray:
+        """Return the triangular factor of the derivatives of what is squared, which comes last.
+
+        All that a step needs to know of residual and penalty, whatever the number of samples,
+        (d + 1, d + 1).
+        """
+        # The output rises by the Jacobian, so the residual falls.
+        return triangle([np.vstack([
+            np.column_stack([-here.jacobian, here.residual]),
+            np.column_stack([self.penalty_jacobian(here.coordinates), here.penalty])])])
 
     def solve(self, evaluations: int = 40, tolerance: float = 1e-6) -> Fit:
         """Search from the base, within the bounds."""
@@ -302,11 +312,11 @@ class Problem:
         a row have not lowered the sum of squares.
         """
         weights, scales, (lower, upper) = here.weights, here.scales, self.bounds()
-        best, stalled = here, 0
+        best, stalled, last = here, 0, self.factor(here)
 
-        def last(coordinates: FloatArray) -> Evaluation:
+        def factor(coordinates: FloatArray) -> FloatArray:
             """Run, unless the derivatives are asked where the residual was."""
-            nonlocal here, best, stalled
+            nonlocal here, best, stalled, last
             if not np.array_equal(coordinates, here.coordinates):
                 if stalled == PATIENCE:
                     raise _StalledError
@@ -314,20 +324,17 @@ class Problem:
                 improved = here.sum_of_squares < (1.0 - tolerance) * best.sum_of_squares
                 stalled = 0 if improved else stalled + 1
                 best = min(here, best, key=lambda evaluation: evaluation.sum_of_squares)
-            return here
-
-        def residual(coordinates: FloatArray) -> FloatArray:
-            return np.concatenate([last(coordinates).residual, here.penalty])
-
-        def jacobian(coordinates: FloatArray) -> FloatArray:
-            return np.vstack([-last(coordinates).jacobian, self.penalty_jacobian(coordinates)])
+                last = self.factor(here)
+            return last
 
         try:
             # Where the trust region has shrunk to next to nothing, scipy's step overflows.
             with np.errstate(over='ignore'):
                 found = least_squares(
-                    residual, here.coordinates, jac=jacobian, bounds=(lower, upper), method='trf',
-                    x_scale=1.0, max_nfev=evaluations, ftol=tolerance, xtol=1e-8, gtol=1e-12)
+                    lambda coordinates: factor(coordinates)[:, -1], here.coordinates,
+                    jac=lambda coordinates: factor(coordinates)[:, :-1], bounds=(lower, upper),
+                    method='trf', x_scale=1.0, max_nfev=evaluations, ftol=tolerance, xtol=1e-8,
+                    gtol=1e-12)
         except _StalledError:
             return replace(best, reason=CONVERGED)
         return replace(best, reason=CONVERGED if found.status > 0 else 'evaluations')

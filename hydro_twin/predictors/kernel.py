@@ -316,6 +316,26 @@ def output_each(step, x, z, work, inputs, y):  # type: ignore[no-untyped-def]
 
 
 @compiled
+def respond(M, substeps, work, response):  # type: ignore[no-untyped-def]
+    """Fill response (N, n) from its first row on, with how the output follows each state.
+
+    By the linear laws: a row is the one before it, times Phi for each substep.
+    """
+    n = len(M)
+    for k in range(1, len(response)):
+        now = response[k]
+        for i in range(n):
+            now[i] = response[k - 1, i]
+        for _ in range(substeps):
+            for i in range(n):
+                work[0, i] = now[i]
+            for j in range(n):
+                now[j] = 0.0
+                for i in range(n):
+                    now[j] += work[0, i] * M[i, j]
+
+
+@compiled
 def eq_1(a, b, past, inputs, k):  # type: ignore[no-untyped-def]
     """Eq. 1 at sample k, from past[k-1], ..., past[k-n] and inputs[k], ..., inputs[k-n]."""
     value = 0.0

@@ -158,11 +158,10 @@ class System:
 
     def free_response(self, samples: int) -> FloatArray:
         """Response of the output to each initial state by the linear laws, (samples, n)."""
-        response, step = self.laws.C[:1], np.linalg.matrix_power(
-            self.step.M[:, :len(self.laws.A)], self.step.substeps)
-        while len(response) < samples:
-            response, step = np.vstack([response, response @ step]), step @ step
-        return response[:samples]
+        response = np.empty((samples, len(self.laws.A)))
+        response[:1] = self.laws.C[:1]
+        kernel.respond(self.step.M, self.step.substeps, self.work(), response)
+        return response
 
     def run(self, inputs: FloatArray, x: FloatArray, z: FloatArray | None = None,
             seen: FloatArray | None = None, start: int | None = None) -> FloatArray:

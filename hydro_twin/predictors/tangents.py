@@ -3,6 +3,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from itertools import pairwise
 import math
 from typing import Any, NamedTuple
@@ -93,7 +94,7 @@ class Directions:
     p: Sequence[tuple[int, float]] = ()
     shift: npt.ArrayLike = ()
 
-    @property
+    @cached_property
     def count(self) -> int:
         """How many."""
         return len(self.plant) + len(self.p) + len(np.asarray(self.shift))

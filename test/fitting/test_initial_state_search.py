@@ -14,8 +14,9 @@ def rng():
 
 def ridge_regression(jacobian, residual, count, ridge):
     c = jacobian.shape[1]
-    found = np.empty(c)
-    return found, regress(jacobian, residual, count, ridge, np.empty((c, c + 1)), found)
+    found = np.empty((c, 1))
+    squares = regress(jacobian, residual, count, ridge, np.empty((c, c)), found)
+    return found[:, 0], squares
 
 
 @pytest.mark.parametrize('count', [30, 11])
