@@ -235,7 +235,7 @@ def from_other_branches(runs, first, at, part, squares):  # type: ignore[no-unty
         return
     copy(at.before, at.state)
     copy(at.state, at.best)
-    if not descend(runs, first, at, part, count, first.every) < HALVED * best:
+    if not descend(runs, first, at, part, count, first.every) < HALVED * squares:
         copy(at.state, at.before)
 
 

@@ -112,7 +112,7 @@ def explained(columns: FloatArray, residual: FloatArray, basis: FloatArray
     weights = V @ (V.T @ (X.T @ residual) / squares) / size
     scores = X @ V / np.sqrt(squares[-1])
     count = max(10, len(residual) // BLOCK)
-    gains = max((_gains(scores, residual, count, ridge) for ridge in RIDGES), key=np.sum)
+    gains = max(_gains(scores, residual, count), key=np.sum)
     power = float(residual @ residual)
     if power <= 0.0 or np.ptp(gains) <= 0.0:
         return weights, 0.0, 1.0
@@ -122,18 +122,21 @@ def explained(columns: FloatArray, residual: FloatArray, basis: FloatArray
         float(test.pvalue) for test in tests))
 
 
-def _gains(scores: FloatArray, residual: FloatArray, count: int, ridge: float) -> FloatArray:
-    """Return what each of `count` blocks loses of its power by what the other folds predict."""
+def _gains(scores: FloatArray, residual: FloatArray, count: int) -> FloatArray:
+    """Return what each of `count` blocks loses of its power by what the other folds predict.
+
+    With each of the ridges, (`RIDGES`, count).
+    """
     edges = np.linspace(0, len(residual), count + 1).astype(int)
     blocks = [slice(a, b) for a, b in pairwise(edges)]
     grams = np.array([scores[b].T @ scores[b] for b in blocks])
     crosses = np.array([scores[b].T @ residual[b] for b in blocks])
-    gains = np.empty(count)
+    ridges = np.array(RIDGES)[:, None, None] * np.eye(scores.shape[1])
+    gains = np.empty((len(RIDGES), count))
     for fold in range(FOLDS):
         out = np.arange(count) % FOLDS == fold
-        gram = grams[~out].sum(axis=0) + ridge * np.eye(scores.shape[1])
-        found = np.linalg.solve(gram, crosses[~out].sum(axis=0))
+        found = np.linalg.solve(grams[~out].sum(axis=0) + ridges, crosses[~out].sum(axis=0))
         for k in np.flatnonzero(out):
             r = residual[blocks[k]]
-            gains[k] = r @ r - np.sum((r - scores[blocks[k]] @ found) ** 2)
+            gains[:, k] = r @ r - np.sum((r[:, None] - scores[blocks[k]] @ found.T)**2, axis=0)
     return gains

@@ -327,14 +327,18 @@ class Problem:
                 last = self.factor(here)
             return last
 
+        def residual(coordinates: FloatArray) -> FloatArray:
+            return factor(coordinates)[:, -1]
+
+        def jacobian(coordinates: FloatArray) -> FloatArray:
+            return factor(coordinates)[:, :-1]
+
         try:
             # Where the trust region has shrunk to next to nothing, scipy's step overflows.
             with np.errstate(over='ignore'):
                 found = least_squares(
-                    lambda coordinates: factor(coordinates)[:, -1], here.coordinates,
-                    jac=lambda coordinates: factor(coordinates)[:, :-1], bounds=(lower, upper),
-                    method='trf', x_scale=1.0, max_nfev=evaluations, ftol=tolerance, xtol=1e-8,
-                    gtol=1e-12)
+                    residual, here.coordinates, jac=jacobian, bounds=(lower, upper), method='trf',
+                    x_scale=1.0, max_nfev=evaluations, ftol=tolerance, xtol=1e-8, gtol=1e-12)
         except _StalledError:
             return replace(best, reason=CONVERGED)
         return replace(best, reason=CONVERGED if found.status > 0 else 'evaluations')

@@ -123,10 +123,10 @@ def weight(first, later):  # type: ignore[no-untyped-def]
 @compiled
 def swings(margins):  # type: ignore[no-untyped-def]
     """Whether some state, with margins (s, 2), is that of a load that swings."""
+    found = False
     for a in range(len(margins)):
-        if margins[a, 1] == BEYOND:
-            return True
-    return False
+        found = found or margins[a, 1] == BEYOND
+    return found
 
 
 @compiled
