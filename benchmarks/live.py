@@ -34,7 +34,7 @@ from rclpy.serialization import serialize_message
 from sensor_msgs.msg import JointState
 
 from hydro_twin.live.diagnostics import Diagnosis
-from hydro_twin.live.live import Live
+from hydro_twin.live.inputs import TwinInputs
 from hydro_twin.live.models import Choice, load_twin
 from hydro_twin.live.outlet import Outlet
 from hydro_twin.live.reader import Reader
@@ -75,12 +75,12 @@ def make_models(folder: Path) -> dict[str, Path]:
     network = Network(np.array([14, 80, 1]), rng.normal(0, 0.01, 15 * 80 + 81), np.zeros(14),
                       np.full(14, 30.0), 1.0, 1e4)
     (folder / 'hybrid.safetensors').write_bytes(network_bytes(network))
-    promises = {'after': {mode: {'test': 1.0} for mode in ('one_step', 'free_run')}}
+    errors = {'after': {mode: {'test': 1.0} for mode in ('one_step', 'free_run')}}
     paths = {}
     for name, more in {'linear': {}, 'two effects': {'effects': effects},
                        'hybrid': {'kind': 'hybrid', 'network': 'hybrid.safetensors'}}.items():
         paths[name] = folder / f'{name.replace(" ", "_")}.yaml'
-        write_model(Model(PLANT, values, 0.002, record=Record(errors=promises), **more),
+        write_model(Model(PLANT, values, 0.002, record=Record(errors=errors), **more),
                     paths[name])
     return paths
 
@@ -257,7 +257,7 @@ def main() -> None:
 def memory(model: Path, messages: int) -> dict[str, float]:
     """Run all of the twin but ROS over many messages, as fast as it goes."""
     twin_ = load_twin(Choice('', model), 'one_step')
-    live = Live(PLANT, load_signals(PLANT.name, [s.name for s in PLANT.signals]), 0.002, 0.1)
+    live = TwinInputs(PLANT, load_signals(PLANT.name, [s.name for s in PLANT.signals]), 0.002, 0.1)
     outlet = Outlet(twin_, 1, len, len, len, len, len)
     diagnosis = Diagnosis(live, [twin_])
     command, state = Writer(['u_m'], 'V'), JointState(name=['rig'], position=[0.0], effort=[0.0])

@@ -37,7 +37,7 @@ from hydro_twin.simulation.simulate import Excitation, simulate
 PLANT = plant_named('load_simulator')
 T = PLANT.sample_time
 SOUND, FAULTY = 40.0, 25.0      # [s]; the first is more than the monitor learns from
-KNOWN = 10.0                    # of the sound rig, from which noise and promise are taken [s]
+KNOWN = 10.0                    # of the sound rig, from which noise and reference are taken [s]
 NOISE, TORQUE, SHAFT = 0.5, 100.0, 0.02     # [N m], [N m], [rad]
 RATIO = 2.0, 8.0                # by how many noises an effect moves the output
 FIRST_SEED = 400                # the method was made with seeds below
@@ -178,8 +178,8 @@ def recorded(rig: Rig) -> tuple[Model, Series, str, str, float]:
     series = Series(columns, T, 0)
     known = series.part(0, round(KNOWN / T))
     model = replace(model, noise=estimate_noise(model, [known]))
-    promised = rms((known['T_g'] - model.run(known, 'observer'))[model.start_up:])
-    return (model.with_record(errors={'after': {'observer': {'test': promised}}}), series, port,
+    reference = rms((known['T_g'] - model.run(known, 'observer'))[model.start_up:])
+    return (model.with_record(errors={'after': {'observer': {'test': reference}}}), series, port,
             effect, moved / NOISE)
 
 

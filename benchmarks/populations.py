@@ -19,9 +19,8 @@ from scipy.optimize import differential_evolution
 from scipy.signal import lfilter
 
 from hydro_twin.arrays import FloatArray
-from hydro_twin.fitting.one_step import least_squares, one_step_error
+from hydro_twin.fitting.one_step import least_squares, Objective, one_step_error
 from hydro_twin.fitting.regression import Regression, regression
-from hydro_twin.fitting.search import CYCLES, INDIVIDUALS, Objective
 from hydro_twin.plants.load_simulator import LOAD_SIMULATOR
 from hydro_twin.plants.load_simulator_eq1 import coefficients
 from hydro_twin.recording.read import read_recording
@@ -29,6 +28,7 @@ from hydro_twin.recording.series import Series
 from hydro_twin.recording.signals import load_signals
 from hydro_twin.recording.write import write_recording
 from hydro_twin.studies.b19.populations import METHODS
+from hydro_twin.studies.b19.scorer import CYCLES, INDIVIDUALS
 
 NAMES = [p.name for p in LOAD_SIMULATOR.parameters]
 LOWER = np.array([p.lower for p in LOAD_SIMULATOR.parameters])

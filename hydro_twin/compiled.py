@@ -168,7 +168,7 @@ def generated(name: str, source: Callable[[], str]) -> ModuleType:
 
     Args:
         name: of the module.
-        source: writes it, where the folder lacks it; it is written whole or not at all.
+        source: writes it, where the folder lacks it; it is written atomically.
     """
     path = CACHE / f'{name}.py'
     if not path.exists():

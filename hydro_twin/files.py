@@ -1,4 +1,4 @@
-"""Files that are written whole or not at all."""
+"""Files that are written atomically: complete, or not at all."""
 from __future__ import annotations
 
 from collections.abc import Iterator
@@ -42,7 +42,7 @@ def written_whole(path: Path) -> Iterator[Path]:
 
 
 def write_whole(path: Path, content: bytes | str, *, durable: bool = False) -> None:
-    """Write a file whole or not at all.
+    """Write a file atomically.
 
     Args:
         path: of the file.

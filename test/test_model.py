@@ -114,9 +114,9 @@ def test_file_is_for_people(model, tmp_path):
 
 
 def test_promises_the_error_on_data_it_did_not_fit(model):
-    assert model.record.promised('one_step') == 0.6
-    assert model.record.promised('free_run') == 0.7        # no test part: that of the training
-    assert Record().promised('one_step') is None
+    assert model.record.reference_rms('one_step') == 0.6
+    assert model.record.reference_rms('free_run') == 0.7    # no test part: that of the training
+    assert Record().reference_rms('one_step') is None
 
 
 def test_the_physics_at_another_sample_time_is_integrated_as_finely(model):

@@ -19,7 +19,7 @@ from hydro_twin.inference.search import search
 from hydro_twin.model import Model, place
 from hydro_twin.plants import plant_named
 from hydro_twin.recording.series import Recording, Series
-from hydro_twin.result import Dependence, Hidden, Improvement, Line
+from hydro_twin.result import Dependence, Improvement, Line, Undetectable
 
 # For each plant, effects that show under the inputs below, and one that is tried in their place.
 EFFECTS = {
@@ -93,7 +93,7 @@ def evidence(name, found=True, curve=False, seconds=0.6, source='a bag'):
         plant=truth.plant, before=before, after=after, train=train, test=test,
         recordings={'train': recording(truth, train), 'test': recording(truth, test)},
         fitted=train,
-        hidden=(Hidden('ripple', 'motor', 'turn it <slowly> & far'),),
+        undetectable=(Undetectable('ripple', 'motor', 'turn it <slowly> & far'),),
         findings=tuple(Finding(k, 1.25e-30, 0.875, ((other, 43.25 + k),))
                        for k in range(len(effects))) if found else (),
         improvement=improvement(residuals(before.candidate, test),
@@ -107,4 +107,4 @@ def evidence(name, found=True, curve=False, seconds=0.6, source='a bag'):
             Dependence(port, 'value', 0.625, 3.5e-7, np.linspace(-1.0, 1.0, 5),
                        np.arange(5.0)),),
         drifts=(0.001, 0.5), by_ports=(0.002, 0.75),
-        found=unexplained(after, train, port) if curve else None)
+        curve=unexplained(after, train, port) if curve else None)

@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 def add_rig_arguments(parser: argparse.ArgumentParser) -> None:
     """Add what names the rig: --plant, --config and --constant."""
     parser.add_argument('--plant', required=True, metavar='PLANT',
-                        help='name of a plant; an unknown one lists those there are')
+                        help='name of a plant; an unknown name prints the list')
     add_config_argument(parser)
     parser.add_argument('--constant', action='append', default=[], type=assignment,
                         metavar='NAME=VALUE', help='a constant of the rig, as D_m=2.2e-5; '
@@ -47,7 +47,8 @@ def add_bag_arguments(parser: argparse.ArgumentParser) -> None:
 
 def add_seed_argument(parser: argparse.ArgumentParser) -> None:
     """Add --seed."""
-    parser.add_argument('--seed', type=seed, default=0, help='of the random numbers (default: 0)')
+    parser.add_argument('--seed', type=seed, default=0,
+                        help='seed of the random number generator (default: 0)')
 
 
 def seed(text: str) -> int:

@@ -40,7 +40,7 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
                                     show=progress), model)
     return {'enough': found.enough, 'says': found.says, 'std_errors': dict(found.std_errors),
             'weak': [{**asdict(one), 'says': one.says} for one in found.weak],
-            'cannot_show': [asdict(one) for one in found.hidden], 'effects': found.tried}
+            'cannot_show': [asdict(one) for one in found.undetectable], 'effects': found.tried}
 
 
 def show(result: dict[str, Any], console: Console) -> None:

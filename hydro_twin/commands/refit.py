@@ -32,12 +32,12 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument('-o', '--output', required=True, type=Path, metavar='MODEL',
                         help='the model file to write; network weights go into the same folder')
     parser.add_argument('--predictor', default='analytical', metavar='KIND',
-                        help='what to fit: analytical, mlp, gru or hybrid; an unknown one lists '
-                        'those there are (default: %(default)s)')
+                        help='what to fit: analytical, mlp, gru or hybrid; an unknown name '
+                        'prints the list (default: %(default)s)')
     parser.add_argument('--method', default='least_squares', metavar='METHOD',
                         help='for the physical parameters: least_squares; random, ea, pso or '
-                        'bees, of [B19]; network, of [L18] for the valve servo; an unknown one '
-                        'lists those there are (default: %(default)s)')
+                        'bees, of [B19]; network, of [L18] for the valve servo; an unknown '
+                        'name prints the list (default: %(default)s)')
     parser.add_argument('--criterion', choices=('one_step', 'free_run'),
                         help='the error to minimise (default: free_run for an analytical '
                         'model by least_squares, else one_step)')
@@ -52,18 +52,20 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
                             help=option.help)
     networks = parser.add_argument_group('networks', 'the defaults are those of [B19]')
     networks.add_argument('--hidden', type=widths, metavar='WIDTHS',
-                          help='of the hidden layers (default: 77,77; of a hybrid 80; of a GRU, '
-                          'which has one layer, 42)')
+                          help='widths of the hidden layers (default: 77,77; hybrid: 80; GRU, '
+                          'which has one layer: 42)')
     networks.add_argument('--decay', type=decay,
                           help='weight decay, against the sum of squared scaled errors '
-                          '(default: 5e-4; of a hybrid and a GRU 0)')
-    networks.add_argument('--epochs', type=int, default=500, help='default: %(default)s')
+                          '(default: 5e-4; hybrid and GRU: 0)')
+    networks.add_argument('--epochs', type=int, default=500,
+                          help='training epochs (default: %(default)s)')
     networks.add_argument('--search', action='store_true',
                           help='search the weight decay and the structure, 1 or 2 layers of 1 to '
-                          '100 units, on a third of the training patterns; what --hidden or '
-                          '--decay gives is not changed. Its state is kept in '
+                          '100 units, on a third of the training patterns; a value given by '
+                          '--hidden or --decay is kept. Its state is saved in '
                           'MODEL.search.jsonl, from which an interrupted search resumes')
-    networks.add_argument('--device', default='cpu', help='cpu or cuda (default: %(default)s)')
+    networks.add_argument('--device', default='cpu',
+                          help='torch device, cpu or cuda (default: %(default)s)')
     add_seed_argument(parser)
 
 

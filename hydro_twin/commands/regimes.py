@@ -9,7 +9,7 @@ from typing import Any, TYPE_CHECKING
 from hydro_twin.commands.common import add_bags, add_config_argument
 from hydro_twin.commands.verb import Verb
 from hydro_twin.errors import UserError
-from hydro_twin.live.settings import MODES
+from hydro_twin.live.settings import TWIN_MODES
 from hydro_twin.progress import progress
 
 if TYPE_CHECKING:
@@ -26,8 +26,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument('--fitted', action='append', default=[], type=Path, metavar='BAG',
                         help='one of BAG... that the challenger was fitted to: it helps to define '
                         'the regimes, but does not count as evidence; may be repeated')
-    parser.add_argument('--mode', default='free_run', choices=MODES,
-                        help='in which the models run (default: free_run)')
+    parser.add_argument('--mode', default='free_run', choices=TWIN_MODES,
+                        help='mode in which the models run (default: free_run)')
     add_config_argument(parser)
 
 

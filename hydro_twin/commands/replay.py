@@ -36,9 +36,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument('--publish', action='store_true',
                         help="play the bag's topics into ROS instead, to drive a live node")
     parser.add_argument('--rate', type=float,
-                        help='with --publish: times as fast as recorded (default: 1)')
+                        help='with --publish: playback speed (default: 1)')
     parser.add_argument('--loop', action='store_true',
-                        help='with --publish: again and again, until stopped')
+                        help='with --publish: repeat until stopped')
     parser.add_argument('--clock', action='store_true',
                         help="with --publish: the bag's time on /clock, for use_sim_time")
     parser.add_argument('--ros-args', nargs=argparse.REMAINDER, default=[], metavar='...',

@@ -63,7 +63,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
                         help='a vibration on top of the excitation of an input, in every series; '
                         'may be repeated')
     parser.add_argument('--duration', type=float, default=3.0, metavar='SECONDS',
-                        help='of each series (default: 3)')
+                        help='duration of each series (default: 3)')
     parser.add_argument('--snr', type=float, metavar='DB',
                         help='noise on the output: signal to noise ratio of each series')
     parser.add_argument('--noise', type=float, default=0.0, metavar='RMS',
@@ -72,7 +72,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
                         help="something else that is measured, as p_L or 'p_L:noise=2e4', with "
                         'noise in its unit (default: at the --snr); may be repeated')
     parser.add_argument('--quantisation', type=float, default=0.0, metavar='STEP',
-                        help='of the output, in its unit')
+                        help='quantisation step of the output, in its unit')
     add_seed_argument(parser)
 
 

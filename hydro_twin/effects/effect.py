@@ -157,8 +157,8 @@ class Effect:
         starts: what the recording reaches -> sets of parameters to begin a search at.
         excitation: what a recording must hold to show it, as advice to a person.
         beyond_reach: whether it may hide beyond what a recording reaches, as a limit does.
-        hides: whether re-tuning the plant can imitate it so well that its score means nothing;
-            then its first start, the gentlest, is always searched from.
+        confounded: whether re-tuning the plant can imitate it so well that its score means
+            nothing; then its first start, the gentlest, is always searched from.
         refined: what the recording reaches and the parameters of the simple law -> sets of
             parameters to begin at with refinements let in.
         plain: parameters -> those of the simple law that is nearest; None: without refinements.
@@ -186,7 +186,7 @@ class Effect:
     starts: Callable[[Span], Starts]
     excitation: str
     beyond_reach: bool = False
-    hides: bool = False
+    confounded: bool = False
     refined: Callable[[Span, tuple[float, ...]], Starts] | None = None
     plain: Callable[[tuple[float, ...]], tuple[float, ...]] | None = None
     distinguishable: Callable[[Span, tuple[float, ...]], bool] | None = None
@@ -249,6 +249,11 @@ class Placed:
             if name != 'value' and name not in self.port.signals:
                 raise ValueError(f'{self.effect.id} reads the {name}, of which the '
                                  f'{self.port.name} has none')
+
+    @property
+    def key(self) -> tuple[str, str]:
+        """Id and port: what identifies it in a model."""
+        return self.effect.id, self.port.name
 
     @property
     def named(self) -> dict[str, float]:

@@ -96,7 +96,7 @@ EFFECT = Effect(
     ),
     starts=starts,
     excitation='turn the motor slowly through several periods',
-    hides=True,
+    confounded=True,
     periodic=True,
     refined=refined,
     plain=plain,

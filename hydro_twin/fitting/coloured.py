@@ -25,14 +25,15 @@ from hydro_twin.fitting.autoregression import (
 )
 from hydro_twin.fitting.fit import Fit
 from hydro_twin.fitting.parts import Part
-from hydro_twin.fitting.port_signals import PREDICTED, predicted_by_ports
+from hydro_twin.fitting.port_signals import P_PREDICTED, predicted_by_ports
 from hydro_twin.fitting.problem import Problem
 from hydro_twin.fitting.whiteness import is_white
 from hydro_twin.predictors.scores import rms
 
 TURNS = 2               # fits, each with the noise of the one before; a third moves an estimate by
 #                         less than a hundredth of its standard error
-COLOURED = 0.5          # RMS of what is new in each sample over that of all: a fourth of the power
+MAX_INNOVATION_RATIO = 0.5  # RMS of what is new in each sample over that of all: a fourth of the
+#                         power
 MOST = 100_000          # samples; the test of more takes gigabytes, and so many tell enough
 CHANCE = 1e-3           # level at which two fits differ by more than their scatter
 
@@ -43,7 +44,7 @@ def is_coloured(fit: Fit) -> bool:
     Least squares is then far from efficient.
     """
     pieces = fit.by_part
-    return rms(whiten(pieces, autoregression(pieces))) < COLOURED * fit.error
+    return rms(whiten(pieces, autoregression(pieces))) < MAX_INNOVATION_RATIO * fit.error
 
 
 def whitened(parts: Sequence[Part], fit: Fit) -> list[Part]:
@@ -82,7 +83,7 @@ def with_coloured_noise(fit: Fit, parts: Sequence[Part]) -> Fit:
         left is white, or no noise.
     """
     if (fit.whitened or len(fit.residual) > MOST or all(map(is_white, fit.by_output))
-            or predicted_by_ports(fit, parts)[1] < PREDICTED):
+            or predicted_by_ports(fit, parts)[1] < P_PREDICTED):
         return fit
     again = fit
     for _ in range(TURNS):
@@ -90,7 +91,7 @@ def with_coloured_noise(fit: Fit, parts: Sequence[Part]) -> Fit:
         if not all(map(is_white, white.by_output)):
             return fit
         again = as_measured(white, parts)
-    is_noise = not _differ(fit, again) and predicted_by_ports(again, parts)[1] > PREDICTED
+    is_noise = not _differ(fit, again) and predicted_by_ports(again, parts)[1] > P_PREDICTED
     return again if is_noise else fit
 
 

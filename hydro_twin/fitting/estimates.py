@@ -14,7 +14,7 @@ from hydro_twin.model import Estimate, Model, Record, Uncertainty
 
 
 def fitted_model(fit: Fit, known: Identifiability, errors: Mapping[str, Any]) -> Model:
-    """Make a model of a fit, with standard errors and with the errors that it promises.
+    """Make a model of a fit, with standard errors and with its errors.
 
     Args:
         fit: a fit of all physical parameters.

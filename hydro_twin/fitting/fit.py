@@ -102,6 +102,12 @@ class Fit:
         each = sum(placed.swings for placed in self.candidate.effects)
         return each * len(self.by_part)
 
+    @property
+    def tangent_basis(self) -> FloatArray:
+        """An orthonormal basis of what re-tuning can do to the residual, (N, b)."""
+        basis: FloatArray = np.linalg.qr(self.jacobian)[0]
+        return basis
+
     def at_bound(self) -> list[str]:
         """Name the unknowns that stopped at an edge of their range."""
         names = []
@@ -121,3 +127,9 @@ class Fit:
         names = [label(unknown) for unknown in self.unknowns]
         inside = [c for c in self.candidate.plant.combinations if all(name in names for name in c)]
         return assess(stretches, names, inside, self.at_bound())
+
+
+def project_out(columns: FloatArray, basis: FloatArray) -> FloatArray:
+    """Take from columns (N, ...) what an orthonormal basis (N, b) explains of them."""
+    rest: FloatArray = columns - basis @ (basis.T @ columns)
+    return rest

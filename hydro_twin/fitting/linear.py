@@ -13,12 +13,11 @@ from hydro_twin.errors import DataError
 from hydro_twin.fitting.equation_error import one_step_values
 from hydro_twin.fitting.fit import Fit
 from hydro_twin.fitting.output_error import free_run_error
-from hydro_twin.fitting.parts import Part
+from hydro_twin.fitting.parts import movement, Part
 from hydro_twin.fitting.problem import Problem, solve_all
 from hydro_twin.fitting.unknowns import plant_unknowns
 from hydro_twin.model import Model
 from hydro_twin.plants import Plant
-from hydro_twin.predictors.scores import rms
 
 SUBSTEPS = 2            # steps in a sample of a search, which the last fits refine
 DRAWS, FEW = 24, 6      # of the box; parts from which on one, the shortest, ranks them
@@ -102,8 +101,7 @@ def refuse_reversed(fit: Fit, parts: Sequence[Part]) -> None:
         DataError: the fit explains little, and that to the reversed command much more.
     """
     model, plant = fit.candidate, fit.candidate.plant
-    movement = rms(np.concatenate([part.measured - part.measured.mean() for part in parts]))
-    if fit.error**2 < LITTLE * movement**2:
+    if fit.error**2 < LITTLE * movement(parts)**2:
         return
     command = plant.inputs[0].name
     sign = np.array([-1.0, *[1.0] * (len(plant.inputs) - 1)])

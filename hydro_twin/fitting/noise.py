@@ -18,7 +18,7 @@ from hydro_twin.predictors.observer import Observer, process_root
 from hydro_twin.predictors.scores import rms
 from hydro_twin.recording.series import Series
 
-ENOUGH = 3000           # samples: they determine a standard deviation to 1.3 %
+MAX_SAMPLES = 3000      # samples: they determine a standard deviation to 1.3 %
 SERIES = 8              # that they come from at most: as many show how the noise varies
 # How much process noise moves the output over the start-up time, in measurement noises: less than
 # the first hardly differs from none, more than the second from none on the measurement.
@@ -181,14 +181,14 @@ def reach_of_noise(model: Model) -> dict[str, float]:
 
 
 def excerpts(series: Sequence[Series]) -> list[Series]:
-    """Cut equally long pieces from the middle of series, `ENOUGH` samples of all together.
+    """Cut equally long pieces from the middle of series, `MAX_SAMPLES` samples of all together.
 
     Of as many of the longest as give the most samples; a single sample shows no innovation.
     """
     longest = sorted((one for one in series if len(one) > 1), key=len, reverse=True)[:SERIES]
     count = max(range(1, len(longest) + 1), key=lambda k: (
-        round(sum(min(len(one), ENOUGH / k) for one in longest[:k])), k))
-    length = ENOUGH // count
+        round(sum(min(len(one), MAX_SAMPLES / k) for one in longest[:k])), k))
+    length = MAX_SAMPLES // count
     return [one.part((len(one) - length) // 2, (len(one) + length) // 2) if len(one) > length
             else one.part(0, len(one)) for one in longest[:count]]
 

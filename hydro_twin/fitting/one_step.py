@@ -2,6 +2,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -11,18 +12,34 @@ from scipy.optimize import least_squares as bounded_least_squares
 
 from hydro_twin.arrays import FloatArray
 from hydro_twin.fitting.regression import Regression, regressors
-from hydro_twin.fitting.search import Objective, SearchResult
 from hydro_twin.plants import Plant
 from hydro_twin.recording.series import Series
 
 # (P, d) physical parameters -> (P, m) coefficients of the difference equation; takes complex ones
 Coefficients = Callable[[npt.NDArray[Any]], npt.NDArray[Any]]
+Objective = Callable[[FloatArray], FloatArray]      # (P, d) candidates -> (P,) errors
 
 SCREENED, STARTS = 1024, 12
 COMPLEX_STEP = 1e-30
 PRECISION = 1e-12       # of the squared error: far below what a population could still gain
 AT_BOUND = 1e-3         # of the logarithmic width of the box: a search may stop this near an edge
 PIECE = 65536           # rows judged at once: longer than any memory of the residual
+
+
+@dataclass(frozen=True)
+class SearchResult:
+    """The best candidate of a search.
+
+    Attributes:
+        best: shape (d,).
+        error: its error.
+        history: the learning curve: the least error so far after each start or cycle, shape
+            (starts,) or (cycles,).
+    """
+
+    best: FloatArray
+    error: float
+    history: FloatArray
 
 
 def one_step_error(regression: Regression, coefficients: Coefficients) -> Objective:

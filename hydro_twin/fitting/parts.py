@@ -115,6 +115,11 @@ def parts_of(recording: Recording, plant: Plant) -> list[Part]:
     return parts
 
 
+def movement(parts: Sequence[Part]) -> float:
+    """RMS of the output about the mean of each part."""
+    return rms(np.concatenate([part.measured - part.measured.mean() for part in parts]))
+
+
 def edges_of(lengths: Iterable[int]) -> IntArray:
     """Return where each of some pieces begins if they follow one another, and where all end."""
     return np.cumsum([0, *lengths])

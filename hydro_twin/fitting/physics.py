@@ -16,12 +16,12 @@ from hydro_twin.fitting.one_step import (
     box,
     Coefficients,
     search_least_squares,
+    SearchResult,
     sensitivities,
 )
 from hydro_twin.fitting.outputs import sensors_in
 from hydro_twin.fitting.parts import parts_of
 from hydro_twin.fitting.regression import Regression, regression
-from hydro_twin.fitting.search import SearchResult
 from hydro_twin.fitting.whiteness import is_white
 from hydro_twin.model import Uncertainty
 from hydro_twin.plants import Plant

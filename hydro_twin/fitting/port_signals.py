@@ -8,7 +8,7 @@ import numpy as np
 import scipy
 
 from hydro_twin.arrays import FloatArray
-from hydro_twin.fitting.fit import Fit
+from hydro_twin.fitting.fit import Fit, project_out
 from hydro_twin.fitting.output_error import initial_states
 from hydro_twin.fitting.parts import Part
 from hydro_twin.fitting.unknowns import label
@@ -18,7 +18,7 @@ BLOCK = 100             # samples, longer than the memory of noise
 FOLDS = 5
 RIDGES = (1e-5, 1e-3, 1e-1)     # of which the best is taken, and counted as three tries
 LAGS = (0.005, 0.025)    # [s]
-PREDICTED = 0.05        # p-value below which the port signals predict the residual
+P_PREDICTED = 0.05      # p-value below which the port signals predict the residual
 UNBOUNDED = 1e100       # of a column, whose squares would overflow
 SMALL = 0.03            # singular value over the largest, below which a direction is left out
 
@@ -99,8 +99,8 @@ def explained(columns: FloatArray, residual: FloatArray, basis: FloatArray
     """
     # What is carried by laws that are not stable grows without bound, and explains nothing.
     columns = np.where(np.abs(columns).max(axis=0, initial=0.0) < UNBOUNDED, columns, 0.0)
-    columns = columns - basis @ (basis.T @ columns)
-    residual = residual - basis @ (basis.T @ residual)
+    columns = project_out(columns, basis)
+    residual = project_out(residual, basis)
     size = np.linalg.norm(columns, axis=0)
     size[size <= 1e-9 * size.max(initial=0.0)] = np.inf
     X = columns / size

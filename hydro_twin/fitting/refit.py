@@ -139,7 +139,7 @@ class Refit:
     outputs: Mapping[str, Mapping[str, float]] = field(default_factory=dict)
 
     def save(self, path: Path | str) -> None:
-        """Write the model file, and its weights beside it, each whole or not at all.
+        """Write the model file, and its weights beside it, each atomically.
 
         Raises:
             UserError: a model file must not have that name.

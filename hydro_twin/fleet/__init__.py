@@ -1,4 +1,4 @@
-"""Many rigs: their traces on an engine, what is usual for a group, and one page of all."""
+"""Many rigs: their traces on an engine, the mean of each group, and one page of all."""
 from hydro_twin.fleet.run import trace_fleet
 
 __all__ = ['trace_fleet']

@@ -1,4 +1,4 @@
-"""What is usual for a group of rigs, as a prior of the parameters of each: empirical Bayes.
+"""Mean and spread of a group of rigs, as a prior of the parameters of each: empirical Bayes.
 
 The recordings of rig i say R_i x_i = z_i + e_i, e_i ~ N(0, I), of its p parameters x_i (see
 `fleet.factors`), and these scatter about the mean of the group, each by itself:
@@ -28,7 +28,7 @@ BEGIN = 0.1                 # where the search for it begins
 
 @dataclass(frozen=True)
 class Prior:
-    """What is usual for p parameters.
+    """Mean and spread of p parameters in a group.
 
     Attributes:
         mean: (p,), mu.
@@ -61,7 +61,7 @@ class Prior:
 
 
 def fit_prior(rigs: Sequence[Rows], scale: FloatArray) -> Prior:
-    """Estimate what is usual from the rigs of a group.
+    """Estimate mean and spread from the rigs of a group.
 
     Args:
         rigs: what the recordings of each say; each parameter is determined by one at least.

@@ -68,7 +68,7 @@ def find(folder: Path, key: str) -> dict[str, Any] | None:
 
 
 def keep(folder: Path, key: str, write: Callable[[Path], dict[str, Any]]) -> dict[str, Any]:
-    """Write a result, whole or not at all.
+    """Write a result atomically.
 
     Args:
         folder: of the fleet.

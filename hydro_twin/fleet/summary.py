@@ -1,4 +1,4 @@
-"""Puts the results of a fleet side by side: a row for each rig, and what is usual for a group."""
+"""Puts the results of a fleet side by side: a row for each rig, and the mean of each group."""
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
@@ -6,12 +6,12 @@ from importlib.metadata import version
 import math
 from typing import Any
 
+from hydro_twin.fleet.group import compare
 from hydro_twin.fleet.manifest import Task
 from hydro_twin.fleet.scores import limit
 from hydro_twin.fleet.store import RESULTS
 from hydro_twin.fleet.task import Outcome
 from hydro_twin.fleet.trend import effect_name, Row, trend_of
-from hydro_twin.fleet.usual import compare
 
 
 def summarise(done: Sequence[tuple[Task, Outcome]]) -> dict[str, Any]:

@@ -13,7 +13,7 @@ from hydro_twin.fleet.summary import probability
 
 
 def write_tables(fleet: dict[str, Any], folder: Path) -> dict[str, Any]:
-    """Write the three files, each whole or not at all; returns the fleet as it is.
+    """Write the three files, each atomically; returns the fleet as it is.
 
     Raises:
         UserError: the folder cannot be written.

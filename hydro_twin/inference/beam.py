@@ -12,7 +12,7 @@ import numpy as np
 
 from hydro_twin.fitting.fit import Fit
 from hydro_twin.inference.context import Context
-from hydro_twin.inference.criterion import CLEARLY, delta_bic
+from hydro_twin.inference.criterion import CLEAR_DELTA_BIC, delta_bic
 from hydro_twin.inference.findings import finding, Selection, share
 from hydro_twin.inference.refinement import refine
 from hydro_twin.inference.select import Alternative, HOPELESS
@@ -21,7 +21,7 @@ from hydro_twin.inference.stepwise import (
     exchange,
     is_residual_structured,
     is_significant,
-    LEAST_SHARE,
+    MIN_SHARE,
     MOST_EFFECTS,
     RIVALS,
 )
@@ -67,7 +67,7 @@ def beam_search(selection: Selection, base: Fit, alternatives: Sequence[Alternat
         return selection
     first, *scores = delta_bic([selection.fit, *whole])
     best = whole[int(np.argmin(scores))]
-    if not min(scores) < first - CLEARLY:
+    if not min(scores) < first - CLEAR_DELTA_BIC:
         return selection
     context.remember(*whole)
     indices = range(given, len(best.candidate.effects))
@@ -75,13 +75,13 @@ def beam_search(selection: Selection, base: Fit, alternatives: Sequence[Alternat
         indices, context.without(best, indices), strict=True))
     other = validated(exchange(Selection(best, found), context, last=True), base, context)
     one, two = delta_bic([selection.fit, other.fit])
-    return other if two < one - CLEARLY else selection
+    return other if two < one - CLEAR_DELTA_BIC else selection
 
 
 def _promising(fit: Fit, alternatives: Sequence[Alternative], selection: Selection) -> list[Fit]:
     """Take the significant alternatives to a fit that may lead to a rival of a selection."""
     return [one.fit for one in alternatives
-            if is_significant(fit, one.fit, LEAST_SHARE)
+            if is_significant(fit, one.fit, MIN_SHARE)
             and one.fit.error < HOPELESS * selection.fit.error]
 
 
@@ -120,6 +120,6 @@ def _without_needless(fit: Fit, given: int, context: Context) -> Fit:
         for index in range(given, len(without.candidate.effects)):
             without, = refine([without], context.parts, index)
         with_it, bare = delta_bic([fit, without])
-        if bare < with_it + CLEARLY or share(without, fit) < LEAST_SHARE:
+        if bare < with_it + CLEAR_DELTA_BIC or share(without, fit) < MIN_SHARE:
             return _without_needless(without, given, context)
     return fit

@@ -6,12 +6,13 @@ from dataclasses import dataclass, field, replace
 from itertools import islice
 import math
 
-from hydro_twin.effects import Placed
 from hydro_twin.fitting.fit import Fit
 from hydro_twin.fitting.parts import Part
 from hydro_twin.inference.search import LONG, search_all
 from hydro_twin.inference.select import Alternative, fit_alternatives
 from hydro_twin.model import Model
+
+EffectKeys = frozenset[tuple[str, str]]     # effects of a model by their `Placed.key`
 
 
 @dataclass(frozen=True)
@@ -32,9 +33,9 @@ class Context:
     times: tuple[float, float]
     seed: int
     progress: Callable[[str], None]
-    known: dict[tuple[frozenset[str], int], tuple[int, float, list[Alternative]]] = field(
+    known: dict[tuple[EffectKeys, int], tuple[int, float, list[Alternative]]] = field(
         default_factory=dict)
-    fits: dict[frozenset[str], Fit] = field(default_factory=dict)
+    fits: dict[EffectKeys, Fit] = field(default_factory=dict)
 
     def fit_alternatives(self, fit: Fit, most: int, most_error: float = math.inf
                          ) -> list[Alternative]:
@@ -42,8 +43,8 @@ class Context:
         key = effects_of(fit.candidate), len(fit.unknowns)
         asked, limit, _ = self.known.get(key, (0, 0.0, []))
         if asked < most or limit < most_error:
-            found = fit_alternatives(fit, self.parts, self.times, most, False, self.progress,
-                                     most_error=most_error)
+            found = fit_alternatives(fit, self.parts, self.times, most, afresh=False,
+                                     progress=self.progress, most_error=most_error)
             self.known[key] = most, most_error, found
             self.remember(*(alternative.fit for alternative in found))
         return self.known[key][2]
@@ -70,21 +71,16 @@ class Context:
             bare = fit.candidate.without(index)
             starts.append([bare])
             if known := self.fits.get(effects_of(bare)):
-                placed = {name_at_port(p): p for p in known.candidate.effects}
+                placed = {p.key: p for p in known.candidate.effects}
                 starts[-1].append(replace(
                     known.candidate, substeps=bare.substeps,
-                    effects=tuple(placed[name_at_port(p)] for p in bare.effects)))
+                    effects=tuple(placed[p.key] for p in bare.effects)))
         fits = search_all([start for some in starts for start in some], self.parts, LONG)
         best = [min(islice(fits, len(some)), key=lambda fit: fit.cost) for some in starts]
         self.remember(*best)
         return best
 
 
-def effects_of(candidate: Model) -> frozenset[str]:
+def effects_of(candidate: Model) -> EffectKeys:
     """Name the effects of a candidate with their ports, in whatever order."""
-    return frozenset(map(name_at_port, candidate.effects))
-
-
-def name_at_port(placed: Placed) -> str:
-    """Name an effect with its port."""
-    return f'{placed.effect.id} {placed.port.kind} {placed.port.name}'
+    return frozenset(placed.key for placed in candidate.effects)

@@ -18,14 +18,12 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 
-import numpy as np
-
 from hydro_twin.effects import Placed
 from hydro_twin.fitting.fit import Fit
 from hydro_twin.fitting.horizon import windows
-from hydro_twin.fitting.parts import least_samples, Part
+from hydro_twin.fitting.parts import least_samples, movement, Part
 from hydro_twin.inference.context import Context
-from hydro_twin.inference.criterion import CLEARLY, delta_bic
+from hydro_twin.inference.criterion import CLEAR_DELTA_BIC, delta_bic
 from hydro_twin.inference.findings import Selection
 from hydro_twin.inference.screen import places
 from hydro_twin.inference.search import LONG, search, search_all
@@ -33,7 +31,6 @@ from hydro_twin.inference.select import fit_alternatives, KEPT
 from hydro_twin.inference.starts import with_other
 from hydro_twin.inference.stepwise import LATER
 from hydro_twin.model import Model
-from hydro_twin.predictors.scores import rms
 
 SHORTER = 8             # times: a constant force that is lacking moves a mass by a 64th as much
 FOLLOWS = 0.25          # error over the movement within the windows, below which a run follows it
@@ -56,8 +53,8 @@ def from_short_windows(base: Fit, context: Context) -> list[Model]:
             candidate.plant, candidate.effects)):
         return []
     context.progress('fitting short windows')
-    found = fit_alternatives(search(candidate, short, LONG), short, context.times, LATER, True,
-                             context.progress)
+    found = fit_alternatives(search(candidate, short, LONG), short, context.times, LATER,
+                             afresh=True, progress=context.progress)
     return [one.fit.candidate for rank, one in enumerate(found)
             if rank < KEPT or one.placed.effect.periodic]
 
@@ -92,7 +89,7 @@ def shorter_horizon(base: Fit, parts: Sequence[Part], times: tuple[float, float]
         length //= 2
         short = cut(length)
         fit = search(candidate, short, LONG)
-    found = fit_alternatives(fit, short, times, LATER, True, progress)
+    found = fit_alternatives(fit, short, times, LATER, afresh=True, progress=progress)
     best = min([fit, *(one.fit for one in found[:1])], key=lambda one: one.error)
     if not _follows(best, short):
         return None
@@ -107,8 +104,7 @@ def shorter_horizon(base: Fit, parts: Sequence[Part], times: tuple[float, float]
 
 def _follows(fit: Fit, parts: Sequence[Part]) -> bool:
     """Whether the error of runs is small against the movement within the windows."""
-    moves = rms(np.concatenate([part.measured - part.measured.mean() for part in parts]))
-    return fit.error < FOLLOWS * moves
+    return fit.error < FOLLOWS * movement(parts)
 
 
 def with_rivals_of_short_windows(selection: Selection, context: Context) -> Selection:
@@ -134,7 +130,7 @@ def with_rivals_of_short_windows(selection: Selection, context: Context) -> Sele
             [candidate, *(with_other(candidate, found.index, placed)
                           for placed in rivals.values())], short, LONG)))
         better = [placed for placed, other in zip(rivals.values(), scores, strict=True)
-                  if other < score - CLEARLY]
+                  if other < score - CLEAR_DELTA_BIC]
         findings.append(replace(found, rivals=tuple(sorted(
             ((placed, 0.0 if placed in better else distance)
              for placed, distance in found.rivals), key=lambda rival: rival[1]))))

@@ -17,7 +17,7 @@ from hydro_twin.fitting.autoregression import (
 from hydro_twin.fitting.fit import Fit
 from hydro_twin.predictors.scores import rms
 
-CLEARLY = 10.0          # difference of the BIC from which one law is preferred to another
+CLEAR_DELTA_BIC = 10.0  # difference of the BIC from which one law is preferred to another
 
 
 def delta_bic(fits: Sequence[Fit], free: Sequence[int] | None = None) -> list[float]:

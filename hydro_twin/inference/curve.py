@@ -13,10 +13,10 @@ from hydro_twin.fitting.fit import Fit
 from hydro_twin.fitting.output_error import free_run_error
 from hydro_twin.fitting.parts import Part
 from hydro_twin.fitting.port_signals import predicted_by_ports
-from hydro_twin.inference.criterion import CLEARLY, delta_bic, gain_p_value
+from hydro_twin.inference.criterion import CLEAR_DELTA_BIC, delta_bic, gain_p_value
+from hydro_twin.inference.effect_signals import effect_signals
 from hydro_twin.inference.held_out import held_out_gain, residuals
-from hydro_twin.inference.noise import COLOURED, noise_floor
-from hydro_twin.inference.passing import effect_signals
+from hydro_twin.inference.noise import MAX_COLOURED_NOISE_RATIO, noise_floor
 from hydro_twin.inference.screen import spans
 from hydro_twin.inference.search import search_all
 from hydro_twin.inference.structure import is_significant_dependence
@@ -27,7 +27,7 @@ from hydro_twin.result import Dependence, Improvement
 MOST, KEPT = 8, 3       # curves that are fitted, and of these fitted to convergence
 ALIKE = 1e-4            # of the shares of two that are the same but for a factor
 SHORT, LONG = 8, 25     # evaluations of a search: to compare, to converge
-PREDICTED = 0.01        # p-value below which the port signals predict the residual
+P_TRY_CURVES = 0.01     # p-value below which the port signals predict the residual
 LEVEL = 1e-3            # significance of the best curve, corrected for all that were tried
 STRENGTHS = (1.0, 0.3, 0.1)     # factors of the curve from the linear laws, to start from
 DRAWN = 0.9             # share of what a curve explains, from which a law of the same is enough
@@ -76,7 +76,7 @@ def find_curve(fit: Fit, parts: Sequence[Part], held_out: Sequence[Part],
         None where no curve improves the free run on held-out data.
     """
     if not curves or (not any(map(is_significant_dependence, curves))
-                      and predicted_by_ports(fit, parts)[1] > PREDICTED):
+                      and predicted_by_ports(fit, parts)[1] > P_TRY_CURVES):
         return None
     places = distinct(curves)[:MOST]
     carried = spans(fit.candidate, parts)
@@ -126,7 +126,8 @@ def is_better(found: FittedCurve, base: Fit, named: Fit, curves: Sequence[Depend
         curves: what each explains of the residual of the model before.
         held_out: the data that were not fitted.
     """
-    here = [found.placed, *(other for other, distance in found.others if distance < CLEARLY)]
+    here = [found.placed, *(other for other, distance in found.others
+                            if distance < CLEAR_DELTA_BIC)]
     biased = any(is_bias(placed) for placed in named.candidate.effects)
     drawn = (any(has_equivalent_law((one.port, one.effect.reads[0]), named, curves)
                  for one in here)
@@ -134,7 +135,7 @@ def is_better(found: FittedCurve, base: Fit, named: Fit, curves: Sequence[Depend
     if drawn or (biased and is_mostly_constant(found.fit, held_out)):
         return False
     with_curve, with_names = delta_bic([found.fit, named])
-    return with_curve < with_names - CLEARLY and outweighs(found.fit, named, held_out)
+    return with_curve < with_names - CLEAR_DELTA_BIC and outweighs(found.fit, named, held_out)
 
 
 def outweighs(with_curve: Fit, named: Fit, held_out: Sequence[Part]) -> bool:
@@ -151,7 +152,7 @@ def outweighs(with_curve: Fit, named: Fit, held_out: Sequence[Part]) -> bool:
     """
     free, law = (residuals(fit, held_out) for fit in (with_curve, named))
     powers = [float(np.mean(np.concatenate(one)**2)) for one in (free, law)]
-    return powers[1] - powers[0] > powers[0] - (COLOURED * noise_floor(free))**2
+    return powers[1] - powers[0] > powers[0] - (MAX_COLOURED_NOISE_RATIO * noise_floor(free))**2
 
 
 def explains_most(base: Fit, named: Fit, with_curve: Fit) -> bool:

@@ -11,7 +11,7 @@ from hydro_twin.fitting.fit import Fit
 from hydro_twin.fitting.parts import Part
 from hydro_twin.fitting.problem import Problem, solve_all
 from hydro_twin.fitting.unknowns import get, label, put, Unknown
-from hydro_twin.inference.criterion import CLEARLY, delta_bic
+from hydro_twin.inference.criterion import CLEAR_DELTA_BIC, delta_bic
 from hydro_twin.inference.findings import other_findings, Selection
 from hydro_twin.inference.search import LONG, search, TOLERANCE
 
@@ -67,4 +67,4 @@ def _is_half_worse(fit: Fit, size: Unknown, parts: Sequence[Part]) -> bool:
     others = [unknown for unknown in fit.unknowns if unknown is not size]
     (held,) = solve_all([Problem(half, others, parts)], LONG, TOLERANCE)
     whole, then = delta_bic([fit, held])
-    return then > whole + CLEARLY
+    return then > whole + CLEAR_DELTA_BIC

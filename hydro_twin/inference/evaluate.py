@@ -20,7 +20,7 @@ from hydro_twin.inference.evidence import Evidence
 from hydro_twin.inference.probability import of_verdict
 from hydro_twin.inference.shape import shape_of
 from hydro_twin.inference.structure import is_drift_significant
-from hydro_twin.inference.verdict import is_structured, LIKELY, named_effects, verdict_of
+from hydro_twin.inference.verdict import is_structured, named_effects, P_STRUCTURE, verdict_of
 from hydro_twin.model import Model
 from hydro_twin.parallel import in_processes
 from hydro_twin.predictors.analytical import Analytical
@@ -35,13 +35,13 @@ from hydro_twin.predictors.scores import (
 )
 from hydro_twin.recording.series import Recording, Series
 from hydro_twin.result import (
+    Burst,
     Factor,
     FoundCurve,
     OutputErrors,
     Remainder,
     Run,
     SeriesErrors,
-    Spell,
     TraceResult,
 )
 
@@ -49,54 +49,57 @@ PARTS = ('test', 'train')
 Predictions = dict[str, list[FloatArray]]       # mode -> of each series; test part, then training
 
 
-def result_of(found: Evidence) -> TraceResult:
+def result_of(evidence: Evidence) -> TraceResult:
     """Evaluate all that is said of a trace.
 
     Every series is predicted once by each model and mode, and errors, figures and tables are
     those of these predictions.
     """
-    series = [one for part in PARTS for one in found.recordings[part].series]
-    fits = {'before': found.before, 'after': found.final}
-    same = found.final is found.before
-    before = _predictions(found.before, series)
+    series = [one for part in PARTS for one in evidence.recordings[part].series]
+    fits = {'before': evidence.before, 'after': evidence.final}
+    same = evidence.final is evidence.before
+    before = _predictions(evidence.before, series)
     predicted = {'before': before,
-                 'after': before if same else _predictions(found.final, series)}
-    errors = {when: _errors(found, predicted[when])
-              | (horizon_errors(fit.candidate, found.recordings) if found.by_horizon else {})
+                 'after': before if same else _predictions(evidence.final, series)}
+    errors = {when: _errors(evidence, predicted[when])
+              | (horizon_errors(fit.candidate, evidence.recordings) if evidence.by_horizon else {})
               for when, fit in fits.items()}
-    known = {'before': found.before.identifiability(),
-             'after': found.known or found.final.identifiability()}
+    known = {'before': evidence.before.identifiability(),
+             'after': evidence.known or evidence.final.identifiability()}
     models = {when: fitted_model(fit, known[when],
                                  {'before': errors['before'], 'after': errors[when]})
               for when, fit in fits.items()}
-    observed = list(in_processes(partial(_observed, found.recordings),
+    observed = list(in_processes(partial(_observed, evidence.recordings),
                                  [models['before']] if same else [*models.values()]))
     models = {'before': observed[0], 'after': observed[-1]}
-    effects, verdict = named_effects(found), verdict_of(found)
-    nothing, law_unknown = of_verdict(verdict, effects, found.exceeds_noise)
+    effects, verdict = named_effects(evidence), verdict_of(evidence)
+    nothing, law_unknown = of_verdict(verdict, effects, evidence.exceeds_noise)
+    curve = evidence.curve
     return TraceResult(
-        plant=found.plant, verdict=verdict, nothing=nothing, law_unknown=law_unknown,
-        evidence_left=found.evidence_left, tested=found.tested,
-        horizon=_longest_window(found) if found.by_horizon else None,
+        plant=evidence.plant, verdict=verdict, nothing=nothing, law_unknown=law_unknown,
+        evidence_left=evidence.evidence_left, tested=evidence.tested,
+        horizon=_longest_window(evidence) if evidence.by_horizon else None,
         before=models['before'], after=models['after'],
         combinations={when: combination_estimates(fits[when], known[when]) for when in fits},
         factor=_factor(fits['after'], known['after']), effects=effects,
-        shapes=tuple(shape_of(found.final, effect.placed, found.fitted) for effect in effects),
-        found=None if found.found is None else FoundCurve(
-            found.found.placed, found.found.gain, found.found.p_value, found.found.others),
-        best_named=found.best_named,
-        improvement=found.improvement, hidden=found.hidden, remainder=_remainder(found),
-        outputs=_by_output(found, models), series=_by_series(found, predicted),
-        runs=_runs(found, series, predicted),
-        persistence=persistence(found.recordings['test'], found.plant), noise=found.floor,
-        memory=found.memory,
-        fails=found.fails, parts=(len(found.train), len(found.test)))
+        shapes=tuple(shape_of(evidence.final, effect.placed, evidence.fitted)
+                     for effect in effects),
+        curve=None if curve is None else FoundCurve(
+            curve.placed, curve.gain, curve.p_value, curve.others),
+        best_named=evidence.best_named,
+        improvement=evidence.improvement, undetectable=evidence.undetectable,
+        remainder=_remainder(evidence),
+        outputs=_by_output(evidence, models), series=_by_series(evidence, predicted),
+        runs=_runs(evidence, series, predicted),
+        persistence=persistence(evidence.recordings['test'], evidence.plant), noise=evidence.floor,
+        memory=evidence.memory,
+        fails=evidence.fails, parts=(len(evidence.train), len(evidence.test)))
 
 
-def _longest_window(found: Evidence) -> float:
+def _longest_window(evidence: Evidence) -> float:
     """Return how long [s] a window of the error over a horizon is at most."""
-    sample_time = found.after.candidate.sample_time
-    windows = horizon_windows(found.test, found.plant, sample_time)
+    sample_time = evidence.after.candidate.sample_time
+    windows = horizon_windows(evidence.test, evidence.plant, sample_time)
     return sample_time * max(len(window.measured) for window in windows)
 
 
@@ -132,29 +135,30 @@ def _observed(recordings: Mapping[str, Recording], model: Model) -> Model:
         **model.errors, 'after': {**model.errors['after'], OBSERVER: errors}})
 
 
-def _residuals(found: Evidence, predicted: Predictions, mode: str) -> dict[str, list[FloatArray]]:
+def _residuals(evidence: Evidence, predicted: Predictions, mode: str
+               ) -> dict[str, list[FloatArray]]:
     """Measured minus predicted, scored samples only, of each series of each part."""
     left = iter(predicted[mode])
-    return {part: [(one[found.plant.output.name] - next(left))[
-        first_scored(one, found.plant, mode):] for one in found.recordings[part].series]
+    return {part: [(one[evidence.plant.output.name] - next(left))[
+        first_scored(one, evidence.plant, mode):] for one in evidence.recordings[part].series]
         for part in PARTS}
 
 
-def _errors(found: Evidence, predicted: Predictions) -> Errors:
+def _errors(evidence: Evidence, predicted: Predictions) -> Errors:
     """Score a model on both parts; nan where a run diverges."""
-    residuals = {mode: _residuals(found, predicted, mode) for mode in MODES}
+    residuals = {mode: _residuals(evidence, predicted, mode) for mode in MODES}
     return {mode: {part: rms(np.concatenate(residuals[mode][part])) for part in ('train', 'test')}
             for mode in MODES}
 
 
-def _by_series(found: Evidence, predicted: dict[str, Predictions]) -> tuple[SeriesErrors, ...]:
+def _by_series(evidence: Evidence, predicted: dict[str, Predictions]) -> tuple[SeriesErrors, ...]:
     """Score each series; training and test part together where both are cut from it."""
-    sources = [one.source for one in found.recordings['train'].series]
+    sources = [one.source for one in evidence.recordings['train'].series]
     rows: list[dict[str, Errors]] = [
         {when: {mode: {} for mode in MODES} for when in predicted} for _ in sources]
     for when, predictions in predicted.items():
         for mode in MODES:
-            residuals = _residuals(found, predictions, mode)
+            residuals = _residuals(evidence, predictions, mode)
             for part in ('train', 'test'):
                 if len(residuals[part]) == len(sources):
                     for row, error in zip(rows, residuals[part], strict=True):
@@ -164,49 +168,50 @@ def _by_series(found: Evidence, predicted: dict[str, Predictions]) -> tuple[Seri
                         for parts in errors.values() for error in parts.values()))
 
 
-def _by_output(found: Evidence, models: Mapping[str, Model]) -> dict[str, OutputErrors]:
+def _by_output(evidence: Evidence, models: Mapping[str, Model]) -> dict[str, OutputErrors]:
     """Score the free runs on the output and on each sensor."""
-    plant = found.plant
-    left = {**found.final.noise, plant.output.name: found.floor}
+    plant = evidence.plant
+    left = {**evidence.final.noise, plant.output.name: evidence.floor}
     errors = {when: {plant.output.name: model.errors['after']['free_run']}
-              | (sensor_rms(Analytical(model), found.recordings) if len(left) > 1 else {})
+              | (sensor_rms(Analytical(model), evidence.recordings) if len(left) > 1 else {})
               for when, model in models.items()}
     units = {signal.name: signal.unit for signal in (plant.output, *plant.sensors)}
     return {name: OutputErrors(units[name], errors['before'][name], errors['after'][name], noise)
             for name, noise in left.items()}
 
 
-def _runs(found: Evidence, series: Sequence[Series], predicted: dict[str, Predictions]
+def _runs(evidence: Evidence, series: Sequence[Series], predicted: dict[str, Predictions]
           ) -> tuple[Run, ...]:
     """Put the free runs beside what was measured, of each series long enough to be scored."""
     labels = [f'{name} {k + 1}' for name, part in (('test', 'test'), ('training', 'train'))
-              for k in range(len(found.recordings[part].series))]
+              for k in range(len(evidence.recordings[part].series))]
     return tuple(
-        Run(label, one, one[found.plant.output.name],
-            first_scored(one, found.plant, 'free_run'), before, after)
+        Run(label, one, one[evidence.plant.output.name],
+            first_scored(one, evidence.plant, 'free_run'), before, after)
         for label, one, before, after in zip(
             labels, series, predicted['before']['free_run'], predicted['after']['free_run'],
-            strict=True) if len(one) > first_scored(one, found.plant, 'free_run'))
+            strict=True) if len(one) > first_scored(one, evidence.plant, 'free_run'))
 
 
-def _remainder(found: Evidence) -> Remainder:
+def _remainder(evidence: Evidence) -> Remainder:
     return Remainder(
-        error=found.after.error, held_out_error=found.held_out_error, white=found.white,
-        lines=found.lines, spells=_spells(found), depends_on=found.depends_on,
-        drifts=is_drift_significant(found.drifts), by_ports=found.by_ports, loud=found.is_loud,
-        larger_held_out=found.is_larger_held_out, structured=is_structured(found, LIKELY))
+        error=evidence.after.error, held_out_error=evidence.held_out_error, white=evidence.white,
+        lines=evidence.lines, bursts=_bursts(evidence), depends_on=evidence.depends_on,
+        drifts=is_drift_significant(evidence.drifts), by_ports=evidence.by_ports,
+        loud=evidence.is_loud, larger_held_out=evidence.is_larger_held_out,
+        structured=is_structured(evidence, P_STRUCTURE))
 
 
-def _spells(found: Evidence) -> tuple[Spell, ...]:
+def _bursts(evidence: Evidence) -> tuple[Burst, ...]:
     """Say when the bursts come, in seconds from the begin of their bag."""
-    parts, candidate = [*found.train, *found.test], found.after.candidate
+    parts, candidate = [*evidence.train, *evidence.test], evidence.after.candidate
     sample_time = candidate.sample_time
     begin = {bag: min(part.start for part in parts if part.source == bag)
              for bag in {part.source for part in parts}}
-    spells = []
-    for burst in found.bursts:
+    found = []
+    for burst in evidence.bursts:
         part = parts[burst.stretch]
         at = 1e-9 * (part.start - begin[part.source]) + candidate.start_up * sample_time
-        spells.append(Spell(part.source, at + burst.begin * sample_time,
-                            at + burst.end * sample_time))
-    return tuple(sorted(spells, key=lambda spell: (spell.bag, spell.begin)))
+        found.append(Burst(part.source, at + burst.begin * sample_time,
+                           at + burst.end * sample_time))
+    return tuple(sorted(found, key=lambda burst: (burst.bag, burst.begin)))

@@ -11,13 +11,13 @@ from hydro_twin.fitting.identifiability import Identifiability
 from hydro_twin.fitting.parts import Part
 from hydro_twin.inference.curve import FittedCurve
 from hydro_twin.inference.findings import Finding
-from hydro_twin.inference.noise import Burst, COLOURED
-from hydro_twin.inference.stepwise import HELD_OUT
+from hydro_twin.inference.noise import Burst, MAX_COLOURED_NOISE_RATIO
+from hydro_twin.inference.stepwise import MAX_HELD_OUT_RATIO
 from hydro_twin.plants import Plant
 from hydro_twin.recording.series import Recording
-from hydro_twin.result import BestNamed, Dependence, Hidden, Improvement, Line, Memory
+from hydro_twin.result import BestNamed, Dependence, Improvement, Line, Memory, Undetectable
 
-LOUD = 6.0              # error over that of the noise, beyond which it cannot all be noise
+MAX_NOISE_RATIO = 6.0   # error over that of the noise, beyond which it cannot all be noise
 ALL = 1.0 - 1e-9        # share of a residual beyond which its logarithm is rounding
 
 
@@ -31,11 +31,11 @@ class Evidence:
         recordings: what these parts are of, by 'train' and 'test'; what is reported is scored on
             them.
         fitted: what of the training parts was fitted: all, or stretches of a long recording.
-        hidden: effects that the recording could not have shown, if the model fits.
+        undetectable: effects that the recording could not have shown, if the model fits.
         improvement: of what is judged, see `TraceResult`, by what was named and by the curve.
         by_horizon: whether that is the error over a horizon, see `judged_errors`.
-        held_out_error: RMS of the residual of `after` on the like of the test parts, but for
-            their initial states.
+        held_out_error: RMS of the residual of `after` on the test parts, sampled as the training
+            parts were, with their initial states fitted.
         held_out_ratio: that over the RMS of the residual of `after`; both whitened, where that was
             fitted as coloured noise.
         floor: estimated RMS of the noise.
@@ -43,7 +43,7 @@ class Evidence:
         depends_on: what the residual of `after` still depends on.
         drifts: (share, p-value) of a drift of the parameters in what is left.
         by_ports: (share, p-value) of what is left that the port signals predict.
-        found: a curve without a name, on top of `after`.
+        curve: a curve without a name, on top of `after`.
         known: what all recordings determine of `final`, where earlier ones were used; None: what
             the parts that were fitted do.
         tested, best_named, memory: see `TraceResult`.
@@ -56,7 +56,7 @@ class Evidence:
     test: Sequence[Part]
     recordings: Mapping[str, Recording]
     fitted: Sequence[Part]
-    hidden: tuple[Hidden, ...]
+    undetectable: tuple[Undetectable, ...]
     findings: tuple[Finding, ...]
     improvement: Improvement
     by_horizon: bool
@@ -69,7 +69,7 @@ class Evidence:
     depends_on: tuple[Dependence, ...]
     drifts: tuple[float, float]
     by_ports: tuple[float, float]
-    found: FittedCurve | None = None
+    curve: FittedCurve | None = None
     tested: int = 0
     best_named: BestNamed | None = None
     known: Identifiability | None = None
@@ -78,7 +78,7 @@ class Evidence:
     @property
     def final(self) -> Fit:
         """The model with all that was found, named or not."""
-        return self.after if self.found is None else self.found.fit
+        return self.after if self.curve is None else self.curve.fit
 
     @property
     def evidence_left(self) -> float:
@@ -89,7 +89,7 @@ class Evidence:
     @property
     def additions(self) -> int:
         """How much was added to the model, named or not."""
-        return len(self.findings) + (self.found is not None)
+        return len(self.findings) + (self.curve is not None)
 
     @property
     def fails(self) -> bool:
@@ -102,14 +102,14 @@ class Evidence:
     @property
     def is_loud(self) -> bool:
         """Whether more is left than noise that is even remotely white."""
-        return self.after.error > LOUD * self.floor
+        return self.after.error > MAX_NOISE_RATIO * self.floor
 
     @property
     def exceeds_noise(self) -> bool:
         """Whether more is left than white noise, or noise of a short memory."""
-        return self.after.error > COLOURED * self.floor
+        return self.after.error > MAX_COLOURED_NOISE_RATIO * self.floor
 
     @property
     def is_larger_held_out(self) -> bool:
         """Whether the model fails on held-out data, in which more must happen."""
-        return not self.held_out_ratio <= HELD_OUT
+        return not self.held_out_ratio <= MAX_HELD_OUT_RATIO

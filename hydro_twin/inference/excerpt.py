@@ -20,8 +20,8 @@ from hydro_twin.model import Model
 from hydro_twin.plants import Plant
 from hydro_twin.predictors.scores import rms
 
-ENOUGH = 8_000          # scored samples
-STRETCH = 1_500         # samples of a stretch, with those that only set the state
+MAX_SAMPLES = 8_000     # scored samples
+STRETCH_SAMPLES = 1_500    # samples of a stretch, with those that only set the state
 FILLED = 0.8            # most that stretches cover, so that they need not keep step with a motion
 COARSEST = 8            # factor that leaves enough of a stretch to be scored
 HARMLESS = 0.01         # change of the output by thinning, as a share of the residual
@@ -44,15 +44,16 @@ def excerpt(parts: Sequence[Part], plant: Plant, sample_time: float, factor: int
     start_up = plant.start_samples(sample_time)
     least = least_samples(plant, factor * sample_time) * factor
     parts = [part for part in parts if len(part.measured) >= least]
-    stretch = round(min(STRETCH, max(plant.horizon / sample_time, least)))
+    stretch = round(min(STRETCH_SAMPLES, max(plant.horizon / sample_time, least)))
     scored_at_all = sum(len(part.measured) - start_up for part in parts)
-    if scored_at_all <= factor * ENOUGH:
+    if scored_at_all <= factor * MAX_SAMPLES:
         if not plant.integrates:
             return parts
-        if scored_at_all <= ENOUGH:
+        if scored_at_all <= MAX_SAMPLES:
             return horizon_windows(parts, plant, sample_time)
         return windows(parts, stretch, least, sample_time)
-    enough, scored = factor * ENOUGH, stretch - factor * plant.start_samples(factor * sample_time)
+    enough = factor * MAX_SAMPLES
+    scored = stretch - factor * plant.start_samples(factor * sample_time)
     total = sum(len(part.measured) for part in parts)
     rng = np.random.default_rng(0)
     cut = []
@@ -83,7 +84,7 @@ def harmless_factor(fit: Fit, parts: Sequence[Part], recorded: int) -> int:
         recorded: samples in the whole recording.
     """
     factor, candidate = 1, fit.candidate
-    while factor < COARSEST and factor * ENOUGH < recorded:
+    while factor < COARSEST and factor * MAX_SAMPLES < recorded:
         coarse = resampled(candidate, 2 * factor * candidate.sample_time)
         changes = []
         states = initial_states(candidate, parts).x

@@ -15,16 +15,15 @@ from hydro_twin.arrays import FloatArray
 from hydro_twin.errors import DataError
 from hydro_twin.fitting.fit import Fit
 from hydro_twin.fitting.identifiability import UNKNOWN
-from hydro_twin.fitting.parts import parts_of
+from hydro_twin.fitting.parts import movement, parts_of
 from hydro_twin.fitting.unknowns import get, put, Unknown
 from hydro_twin.inference.excerpt import excerpt
 from hydro_twin.inference.noise import noise_floor
 from hydro_twin.inference.screen import detectable, spans
 from hydro_twin.inference.search import unsearched
 from hydro_twin.model import Model
-from hydro_twin.predictors.scores import rms
 from hydro_twin.recording.series import Recording
-from hydro_twin.result import Hidden
+from hydro_twin.result import Undetectable
 
 KNOWN = 0.25            # relative error that is enough: a change by half is then beyond two errors
 WORSE = 3.0             # times the error that the model states, which is enough as well
@@ -54,10 +53,13 @@ class Weak:
 
     @property
     def says(self) -> str:
-        """What is lacking, and the motion that would show it."""
-        known = 'not at all' if self.std_error is None else f'to {self.std_error:.0%} only'
-        return (f'{self.name} {known}, {self.needed:.0%} is needed: move {self.signal} near '
-                f'{self.hertz:.2g} Hz')
+        """What is lacking, and the excitation that would show it."""
+        remedy = f'excite {self.signal} near {self.hertz:.2g} Hz'
+        if self.std_error is None:
+            return (f'{self.name} is not determined (standard error at most {self.needed:.0%} is '
+                    f'needed): {remedy}')
+        return (f'{self.name}: standard error {self.std_error:.0%}, at most {self.needed:.0%} is '
+                f'needed: {remedy}')
 
 
 @dataclass(frozen=True)
@@ -68,14 +70,14 @@ class Excitation:
         std_errors: relative, that it would give each parameter, None where it gives none.
         weak: parameters that the model states an error of, in all `asked`, and that the recording
             shows too little of.
-        hidden: effects that would not show, of all `tried`, at a place each.
+        undetectable: effects that would not show, of all `tried`, at a place each.
         still: why nothing can be said at all, or ''.
     """
 
     std_errors: Mapping[str, float | None]
     weak: tuple[Weak, ...]
     asked: int
-    hidden: tuple[Hidden, ...]
+    undetectable: tuple[Undetectable, ...]
     tried: int
     still: str = ''
 
@@ -83,7 +85,7 @@ class Excitation:
     def enough(self) -> bool:
         """Whether a trace is worth its time: half of the parameters and of the effects show."""
         return not (self.still or self._few(self.weak, self.asked)
-                    or self._few(self.hidden, self.tried))
+                    or self._few(self.undetectable, self.tried))
 
     @staticmethod
     def _few(lacking: Sized, of: int) -> bool:
@@ -95,11 +97,11 @@ class Excitation:
         if self.still:
             return self.still
         said = (f'{self.asked - len(self.weak)} of {self.asked} parameters and '
-                f'{self.tried - len(self.hidden)} of {self.tried} effects would show')
+                f'{self.tried - len(self.undetectable)} of {self.tried} effects would show')
         parts = [one.says for one in self.weak[:SAID]] if self._few(self.weak, self.asked) else []
-        if self._few(self.hidden, self.tried):
+        if self._few(self.undetectable, self.tried):
             parts += [f'{one.id.replace("_", " ")} at the {one.port}: {one.says}'
-                      for one in self.hidden[:SAID]]
+                      for one in self.undetectable[:SAID]]
         return '; '.join([said, *parts])
 
 
@@ -115,14 +117,14 @@ def excitation(recording: Recording, model: Model) -> Excitation:
     # As it would be with nothing left but noise: what there is to be traced must not count.
     fit = replace(fit, residual=noise * np.random.default_rng(0).standard_normal(
         len(fit.residual)))
-    size = max(rms(np.concatenate([p.measured - p.measured.mean() for p in parts])), 10.0 * noise)
+    size = max(movement(parts), 10.0 * noise)
     known = fit.identifiability().std_error
     errors = {u.name: known[u.name] for u in fit.unknowns if u.owner == ''}
     effects = detectable(fit, parts, spans(model, parts))
     return Excitation(
         errors, tuple(_weak(model, errors, _motions(fit, noise, size))),
         sum(model.parameters[name].std_error is not None for name in errors),
-        tuple(Hidden(effect.id, port.name, effect.excitation)
+        tuple(Undetectable(effect.id, port.name, effect.excitation)
               for effect, port, shown in effects if not shown), len(effects))
 
 

@@ -9,36 +9,37 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
+import sys
 from typing import NamedTuple
 
 from hydro_twin.fitting.coloured import as_measured, is_coloured, whitened
 from hydro_twin.fitting.fit import Fit
 from hydro_twin.fitting.parts import Part
 from hydro_twin.inference.beam import beam_search
-from hydro_twin.inference.context import Context, effects_of, name_at_port
+from hydro_twin.inference.context import Context, effects_of
 from hydro_twin.inference.continuation import from_short_windows, with_rivals_of_short_windows
 from hydro_twin.inference.curve import FittedCurve, outweighs
+from hydro_twin.inference.curve_or_names import with_curve
 from hydro_twin.inference.findings import explained_share, other_findings, Selection
 from hydro_twin.inference.held_out import held_out_gain
 from hydro_twin.inference.noise import cannot_be_noise
 from hydro_twin.inference.search import LONG, search, search_sticking
 from hydro_twin.inference.select import Alternative, fit_alternatives
 from hydro_twin.inference.stepwise import (
-    ENOUGH,
     FINEST,
     is_discretisation_error,
     is_residual_structured,
+    MIN_EXPLAINED_SHARE,
     select_forward,
     with_fine_steps,
     without_indistinct,
     without_unsupported,
 )
 from hydro_twin.inference.validation import validated
-from hydro_twin.inference.weighing import with_curve
 from hydro_twin.model import Model
 
-EVERY = 1000            # effects fitted in full in the first round
-LAST = 60               # evaluations of the last search, from where others have converged
+ALL = sys.maxsize       # effects fitted in full in the first round
+LAST = 60               # evaluations of the final search, which starts at a converged fit
 
 
 class Explanation(NamedTuple):
@@ -47,19 +48,19 @@ class Explanation(NamedTuple):
     Attributes:
         base: the model without it, fitted no worse than from the first effect.
         selection: the model with the named effects.
-        found: a curve without a name on top of that, if one helps.
+        curve: a curve without a name on top of that, if one helps.
         replaced: the named effects whose place it took, if it did.
     """
 
     base: Fit
     selection: Selection
-    found: FittedCurve | None
+    curve: FittedCurve | None
     replaced: Selection | None
 
     @property
     def fit(self) -> Fit:
         """The model with all that was found."""
-        return self.selection.fit if self.found is None else self.found.fit
+        return self.selection.fit if self.curve is None else self.curve.fit
 
 
 def explain(base: Fit, context: Context, known: Sequence[Model]) -> Explanation:
@@ -82,7 +83,7 @@ def explain(base: Fit, context: Context, known: Sequence[Model]) -> Explanation:
     if found is None:
         context.progress('trying free curves')
         found = Explanation(base, *with_curve(selection, base, context))
-        if found.found is not None and len(selection.findings) < len(named.findings):
+        if found.curve is not None and len(selection.findings) < len(named.findings):
             found = _against_unsupported(found, named, context)
     return found._replace(selection=with_rivals_of_short_windows(found.selection, context))
 
@@ -93,12 +94,12 @@ def _against_unsupported(found: Explanation, named: Selection, context: Context)
     Where no curve, of any signal at any port, outweighs them, they are no worse than any static
     law that is not in the library.
     """
-    assert found.found is not None
-    if outweighs(found.found.fit, named.fit, context.held_out):
+    assert found.curve is not None
+    if outweighs(found.curve.fit, named.fit, context.held_out):
         return found._replace(replaced=found.replaced or named)
     kept, effects = effects_of(found.selection.fit.candidate), named.fit.candidate.effects
-    return found._replace(found=None, replaced=None, selection=replace(named, findings=tuple(
-        replace(one, supported=name_at_port(effects[one.index]) in kept)
+    return found._replace(curve=None, replaced=None, selection=replace(named, findings=tuple(
+        replace(one, supported=effects[one.index].key in kept)
         for one in named.findings)))
 
 
@@ -150,7 +151,9 @@ def _by_likelihood(base: Fit, selection: Selection, context: Context) -> Explana
 
 
 def _without_weak_dynamics(selection: Selection, white: Context, context: Context) -> Selection:
-    """Drop each delay, lag or mode that does not explain the run itself, see `ENOUGH`.
+    """Drop each delay, lag or mode that explains too little of the run itself.
+
+    That is less than `MIN_EXPLAINED_SHARE`.
 
     Args:
         selection: what was found by likelihood.
@@ -168,7 +171,7 @@ def _without_weak_dynamics(selection: Selection, white: Context, context: Contex
     for k in dynamic:
         index = selection.findings[k].index
         (bare,) = context.without(fit, [index])
-        if explained_share(bare, fit) < ENOUGH:
+        if explained_share(bare, fit) < MIN_EXPLAINED_SHARE:
             (rest,) = white.without(selection.fit, [index])
             return _without_weak_dynamics(
                 Selection(rest, other_findings(selection, k)), white, context)
@@ -197,8 +200,8 @@ def _selected(base: Fit, context: Context, known: Sequence[Model]
         The base, fitted no worse than from the first effect; what passed all tests; and the first
         alternatives.
     """
-    alternatives = fit_alternatives(base, context.parts, context.times, EVERY, True,
-                                    context.progress, known)
+    alternatives = fit_alternatives(base, context.parts, context.times, ALL, afresh=True,
+                                    progress=context.progress, known=known)
     context.remember(*(alternative.fit for alternative in alternatives))
     grown = select_forward(Selection(base), alternatives, context)
     base = context.best(base)

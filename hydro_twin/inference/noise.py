@@ -12,14 +12,16 @@ from hydro_twin.arrays import FloatArray
 from hydro_twin.predictors.scores import rms
 from hydro_twin.result import Line
 
-SPELL = 50              # samples of which the power is taken together, to see when it is large
+BLOCK = 50              # samples of which the power is taken together, to see when it is large
 BURST = 4.0             # power of such, over what three in four stay below, that is loud
-SELDOM, MUCH = 0.1, 0.4         # most time that bursts may take, least of the power they hold
-COLOURED = 2.5          # ratio of error to noise floor up to which it may be coloured noise
+MAX_BURST_TIME, MIN_BURST_POWER = 0.1, 0.4  # most time that bursts may take, least of the power
+#                         they hold
+MAX_COLOURED_NOISE_RATIO = 2.5  # ratio of error to noise floor up to which it may be coloured
+#                         noise
 ROUNDING = 1e-9         # of a residual
 UPPER = 0.33            # of the sample rate: the upper third of a spectrum
 LINES = 5               # that are reported at most: a person reads them
-SPELLS = 20             # fewer do not tell what is seldom
+MIN_BLOCKS = 20         # fewer do not tell what is seldom
 
 
 def noise_floor(stretches: Sequence[FloatArray]) -> float:
@@ -42,7 +44,7 @@ def noise_floor(stretches: Sequence[FloatArray]) -> float:
 
 def cannot_be_noise(stretches: Sequence[FloatArray]) -> bool:
     """Whether a residual is larger than noise is, white or coloured."""
-    return rms(np.concatenate(stretches)) > COLOURED * noise_floor(stretches)
+    return rms(np.concatenate(stretches)) > MAX_COLOURED_NOISE_RATIO * noise_floor(stretches)
 
 
 def _median_bias(samples: int, segment: int) -> float:
@@ -114,19 +116,19 @@ def bursts(stretches: Sequence[FloatArray]) -> list[Burst]:
     So it does where something happened once, and not where a law is lacking that acts all along,
     nor in noise, white or coloured.
     """
-    spells = [Burst(index, begin, min(begin + SPELL, len(r))) for index, r in enumerate(stretches)
-              for begin in range(0, len(r), SPELL)]
-    if len(spells) < SPELLS:
+    blocks = [Burst(index, begin, min(begin + BLOCK, len(r))) for index, r in enumerate(stretches)
+              for begin in range(0, len(r), BLOCK)]
+    if len(blocks) < MIN_BLOCKS:
         return []
-    energy = np.array([float(np.sum(stretches[s.stretch][s.begin:s.end] ** 2)) for s in spells])
-    power = energy / [s.end - s.begin for s in spells]
+    energy = np.array([float(np.sum(stretches[s.stretch][s.begin:s.end] ** 2)) for s in blocks])
+    power = energy / [s.end - s.begin for s in blocks]
     loud = power > BURST * np.quantile(power, 0.75)
-    if loud.mean() > SELDOM or energy[loud].sum() < MUCH * energy.sum():
+    if loud.mean() > MAX_BURST_TIME or energy[loud].sum() < MIN_BURST_POWER * energy.sum():
         return []
     found: list[Burst] = []
     for k in np.flatnonzero(loud):
-        if found and (found[-1].stretch, found[-1].end) == (spells[k].stretch, spells[k].begin):
-            found[-1] = Burst(spells[k].stretch, found[-1].begin, spells[k].end)
+        if found and (found[-1].stretch, found[-1].end) == (blocks[k].stretch, blocks[k].begin):
+            found[-1] = Burst(blocks[k].stretch, found[-1].begin, blocks[k].end)
         else:
-            found.append(spells[k])
+            found.append(blocks[k])
     return found

@@ -15,14 +15,14 @@ from hydro_twin.result import NamedEffect, VerdictKind
 
 SAMPLES = 1000.0        # as many decide between two laws: 20 of BIC, of 3000 samples, is 7 %
 # Share of the development rigs on which the law was another than those named ...
-SETTLED = 0.005         # ... where no test found anything in the residual
-DOUBTFUL = 0.05         # ... where one did
-ABOVE_NOISE = 0.15      # ... where more is left than noise, or a free curve stands beside
-POOR = 0.65             # ... and where much is left that cannot be noise
+P_OTHER_LAW_CLEAN = 0.005      # ... where no test found anything in the residual
+P_OTHER_LAW_STRUCTURED = 0.05  # ... where one did
+P_OTHER_LAW_NOISY = 0.15       # ... where more is left than noise, or a free curve stands beside
+P_OTHER_LAW_MISFIT = 0.65      # ... and where much is left that cannot be noise
 # Share on which an effect showed although nothing was found, and none although something was left.
-MISSED = 0.15
-MISSED_COLOURED = 0.5   # the first, where more is left than noise of a short memory
-MISTAKEN = 0.05
+P_MISSED = 0.15
+P_MISSED_COLOURED = 0.5        # the first, where more is left than noise of a short memory
+P_FALSE_STRUCTURE = 0.05
 
 
 def coarsened_posterior(distances: Mapping[str, float], samples: int) -> dict[str, float]:
@@ -62,9 +62,9 @@ def of_verdict(verdict: VerdictKind, effects: Sequence[NamedEffect], much: bool
         much: whether more is left than white noise, or noise of a short memory.
     """
     if verdict == 'nothing_missing':
-        missed = MISSED_COLOURED if much else MISSED
+        missed = P_MISSED_COLOURED if much else P_MISSED
         return 1.0 - missed, missed
     if verdict == 'unexplained':
-        return MISTAKEN, 1.0 - MISTAKEN
+        return P_FALSE_STRUCTURE, 1.0 - P_FALSE_STRUCTURE
     nothing = min(min_null_probability(effect.p_value) for effect in effects)
     return nothing, (1.0 - nothing) * max(effect.law_unknown for effect in effects)

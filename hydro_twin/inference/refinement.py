@@ -11,8 +11,8 @@ from hydro_twin.effects import Placed
 from hydro_twin.fitting.fit import Fit
 from hydro_twin.fitting.parts import Part
 from hydro_twin.fitting.unknowns import label
-from hydro_twin.inference.criterion import CLEARLY, refinement_gain
-from hydro_twin.inference.passing import effect_signals
+from hydro_twin.inference.criterion import CLEAR_DELTA_BIC, refinement_gain
+from hydro_twin.inference.effect_signals import effect_signals
 from hydro_twin.inference.screen import spans
 from hydro_twin.inference.search import LONG, search_all, search_all_sticking, SHORT
 from hydro_twin.inference.starts import with_other
@@ -43,7 +43,7 @@ def refine(fits: Sequence[Fit], parts: Sequence[Part], index: int = -1,
         tried = [fit, *islice(short, len(forms))]
         simplest = tried[int(bool(forms) and _is_refined(fit, index))]
         gains = [refinement_gain(simplest, form) for form in tried]
-        better = [tried[k] for k in np.argsort(gains)[::-1] if not gains[k] < CLEARLY]
+        better = [tried[k] for k in np.argsort(gains)[::-1] if not gains[k] < CLEAR_DELTA_BIC]
         simple.append(simplest)
         chosen.append(next((form for form in better
                             if is_distinguishable(form, parts, index)), simplest))

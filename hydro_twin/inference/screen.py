@@ -16,7 +16,7 @@ import numpy.typing as npt
 
 from hydro_twin.arrays import FloatArray
 from hydro_twin.effects import Effect, EFFECTS, Placed, sites, Span
-from hydro_twin.fitting.fit import Fit
+from hydro_twin.fitting.fit import Fit, project_out
 from hydro_twin.fitting.output_error import initial_states, residuals_from
 from hydro_twin.fitting.parts import Part, travel_of
 from hydro_twin.fitting.port_signals import simulate_port_signals
@@ -24,7 +24,7 @@ from hydro_twin.fitting.unknowns import left_alone
 from hydro_twin.model import Model
 from hydro_twin.parallel import in_processes
 from hydro_twin.plants import Plant, Port
-from hydro_twin.result import Hidden
+from hydro_twin.result import Undetectable
 
 NEAR = 0.9              # share of the largest value, from which it counts as near that
 DETECTABLE = 50.0       # ratio of an effect's energy to the noise variance at which it shows
@@ -103,8 +103,8 @@ def screen(fit: Fit, parts: Sequence[Part]) -> list[ScoredEffect]:
     """
     fit, candidate = fit.main, fit.candidate
     reach = spans(candidate, parts)
-    basis = _parameter_space(fit)
-    residual = _orthogonal(fit.residual, basis)
+    basis = fit.tangent_basis
+    residual = project_out(fit.residual, basis)
     power = float(residual @ residual)
     starts = [placed for effect, port in places(candidate.plant, candidate.effects)
               for placed in _starts(effect, port, reach[port])]
@@ -118,7 +118,7 @@ def screen(fit: Fit, parts: Sequence[Part]) -> list[ScoredEffect]:
             continue
         right_way = max(along, 0.0)
         one = ScoredEffect(placed, right_way**2 / (size * power), right_way / size)
-        scored.setdefault((placed.effect.id, placed.port.kind + placed.port.name), []).append(one)
+        scored.setdefault(placed.key, []).append(one)
     best = [sorted(some, key=_rank, reverse=True)[:2] for some in scored.values()]
     return [p for some in sorted(best, key=lambda some: _rank(some[0]), reverse=True)
             for p in some]
@@ -129,18 +129,6 @@ def _starts(effect: Effect, port: Port, reach: Span) -> list[Placed]:
     return [Placed(effect, port, tuple(values)) for values in effect.starts(reach)
             if all(p.lower <= v <= p.upper
                    for p, v in zip(effect.parameters, values, strict=True))]
-
-
-def _parameter_space(fit: Fit) -> FloatArray:
-    """Return an orthonormal basis of what re-tuning can do to the output, (N, b)."""
-    basis: FloatArray = np.linalg.qr(fit.jacobian)[0]
-    return basis
-
-
-def _orthogonal(output: FloatArray, basis: FloatArray) -> FloatArray:
-    """Project the effect of re-tuning out of an output."""
-    rest: FloatArray = output - basis @ (basis.T @ output)
-    return rest
 
 
 @dataclass(frozen=True)
@@ -164,7 +152,7 @@ def _response(without: _Baseline, parts: Sequence[Part], basis: FloatArray, plac
     """Return how an effect would move the output, beyond what re-tuning could do, (N,)."""
     candidate = replace(without.candidate, effects=(*without.candidate.effects, placed))
     left = np.concatenate(residuals_from(candidate, parts, without.states))
-    return _orthogonal(without.residual - left, basis)
+    return project_out(without.residual - left, basis)
 
 
 def _rank(scored: ScoredEffect) -> float:
@@ -174,7 +162,7 @@ def _rank(scored: ScoredEffect) -> float:
     return scored.share / (1.0 + 0.05 * math.log(scored.gain) ** 2)
 
 
-def undetectable(fit: Fit, parts: Sequence[Part]) -> list[Hidden]:
+def undetectable(fit: Fit, parts: Sequence[Part]) -> list[Undetectable]:
     """List the effects that would not have shown at any strength, and limits beyond reach."""
     reach = spans(fit.candidate, parts)
     found = []
@@ -184,7 +172,7 @@ def undetectable(fit: Fit, parts: Sequence[Part]) -> list[Hidden]:
             says = effect.excitation if not shown else (
                 f'the {port.name} reached {reach[port].value:.3g}{unit}; '
                 f'a limit beyond that cannot show')
-            found.append(Hidden(effect.id, port.name, says))
+            found.append(Undetectable(effect.id, port.name, says))
     return found
 
 
@@ -200,8 +188,8 @@ def detectable(fit: Fit, parts: Sequence[Part], reach: Mapping[Port, Span]
         reach: see `spans`.
     """
     fit = fit.main
-    basis = _parameter_space(fit)
-    noise = _orthogonal(fit.residual, basis)
+    basis = fit.tangent_basis
+    noise = project_out(fit.residual, basis)
     least = DETECTABLE * float(noise @ noise) / len(noise)
     everywhere = places(fit.candidate.plant, fit.candidate.effects)
     begun = [_starts(effect, port, reach[port]) for effect, port in everywhere]

@@ -1,9 +1,4 @@
-"""Choosing the next effect: alternatives are fitted with the plant and compared by their BIC.
-
-Each alternative is fitted together with all physical parameters, from its own starting points. The
-BIC is that of the residuals after one whitening filter for all, so that samples of coloured noise
-do not count as independent.
-"""
+"""Choice of the next effect: each is fitted with the plant, and the fits are ranked by BIC."""
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
@@ -19,8 +14,8 @@ from hydro_twin.fitting.linear import SUBSTEPS
 from hydro_twin.fitting.parts import Part
 from hydro_twin.fitting.problem import Problem
 from hydro_twin.fitting.whiteness import is_white
-from hydro_twin.inference.apart import by_recording, is_drift_preferred
-from hydro_twin.inference.criterion import CLEARLY, delta_bic
+from hydro_twin.inference.criterion import CLEAR_DELTA_BIC, delta_bic
+from hydro_twin.inference.drift_choice import by_recording, is_drift_preferred
 from hydro_twin.inference.noise import cannot_be_noise
 from hydro_twin.inference.refinement import is_distinguishable, refine
 from hydro_twin.inference.screen import places, ScoredEffect, screen, spans
@@ -68,15 +63,14 @@ class Alternative:
         return self.placed.effect.id
 
 
-def fit_alternatives(base: Fit, parts: Sequence[Part], times: tuple[float, float], most: int,
-                     afresh: bool,
-                     progress: Callable[[str], None] = lambda _: None,
+def fit_alternatives(base: Fit, parts: Sequence[Part], times: tuple[float, float], most: int, *,
+                     afresh: bool, progress: Callable[[str], None] = lambda _: None,
                      known: Sequence[Model] = (), most_error: float = math.inf
                      ) -> list[Alternative]:
     """Fit a base with one effect more, for each effect and port; best first.
 
     A low score does not rule an effect out: the parameters may imitate it at the base's values,
-    but not at those of the full fit. An effect that hides in this way is always fitted. And a
+    but not at those of the full fit. An effect so confounded with them is always fitted. And a
     strong effect biases the linear fit so much that no search leads on from there. So a first
     round also starts from the middle of the box and from the fit by the one-step error.
 
@@ -88,7 +82,7 @@ def fit_alternatives(base: Fit, parts: Sequence[Part], times: tuple[float, float
         base: the fit without the effect.
         parts: the data to fit.
         times: stamps [s] between which a parameter may drift.
-        most: how many effects to fit, by their score, beside those that hide.
+        most: how many effects to fit, by their score, beside those that are confounded.
         afresh: whether to start with other values of the plant's parameters, too.
         progress: called with what is being fitted.
         known: further starting points, each with one effect more than the base.
@@ -97,13 +91,13 @@ def fit_alternatives(base: Fit, parts: Sequence[Part], times: tuple[float, float
     progress(f'screening all effects{_beside(base.candidate.effects)}')
     scored = screen(base, parts)
     reach = spans(base.candidate, parts)
-    hiding = [with_effect(base.candidate, Placed(effect, port, tuple(values)))
-              for effect, port in places(base.candidate.plant, base.candidate.effects)
-              if effect.hides for values in effect.starts(reach[port])[:1]]
-    if not afresh and nothing_shows(base, scored, _divided(hiding, parts)[0], parts):
+    confounded = [with_effect(base.candidate, Placed(effect, port, tuple(values)))
+                  for effect, port in places(base.candidate.plant, base.candidate.effects)
+                  if effect.confounded for values in effect.starts(reach[port])[:1]]
+    if not afresh and nothing_shows(base, scored, _divided(confounded, parts)[0], parts):
         return []
     near = [*(with_effect(base.candidate, placed) for placed in shortlist(scored, most)),
-            *hiding]
+            *confounded]
     plain = [*known, *drift_starts(base, parts, times)]
     if afresh:
         plain += best_start_of_each(linear_starts(base.candidate, parts), parts)
@@ -147,8 +141,8 @@ def successive_halving(candidates: Sequence[Model], parts: Sequence[Part],
 
     Successive halving [Jamieson and Talwalkar 2016] by effects and ports: first by what a linear
     step from each candidate would leave; then, after a few evaluations, the better of two
-    candidates goes on, of fewer effects. The others stay as they are. What hides may lead only
-    after a search, so it is always searched a little. The evaluations that only rank take few
+    candidates goes on, of fewer effects. The others stay as they are. What is confounded may lead
+    only after a search, so it is always searched a little. The evaluations that only rank take few
     steps in a sample.
     """
     problems = problems_of([replace(candidate, substeps=min(candidate.substeps, SUBSTEPS))
@@ -162,7 +156,7 @@ def successive_halving(candidates: Sequence[Model], parts: Sequence[Part],
         promises.append((leaves, problem.fit(here)))
     progress(f'fitting the best{beside}')
     ranked = at_each_place([fit for _, fit in sorted(promises, key=lambda one: one[0])])
-    starts = [2 if rank < LEADING else int(fits[0].candidate.effects[-1].effect.hides)
+    starts = [2 if rank < LEADING else int(fits[0].candidate.effects[-1].effect.confounded)
               for rank, fits in enumerate(ranked)]
     two = [fits[:count] for fits, count in zip(ranked, starts, strict=True) if count]
     short = search_all([fit.candidate for fits in two for fit in fits], parts, RACING)
@@ -191,17 +185,17 @@ def leading(ranked: Sequence[Fit]) -> tuple[list[Fit], list[Fit]]:
     return [ranked[k] for k in kept], [fit for k, fit in enumerate(ranked) if k not in kept]
 
 
-def nothing_shows(base: Fit, scored: Sequence[ScoredEffect], hiding: Sequence[Model],
+def nothing_shows(base: Fit, scored: Sequence[ScoredEffect], confounded: Sequence[Model],
                   parts: Sequence[Part]) -> bool:
     """Whether the residual is white and no effect has a score above chance.
 
-    The score of one that hides is what a linear step from its start would take off: a delay is
+    The score of a confounded one is what a linear step from its start would take off: a delay is
     spread over so many samples that a residual may hold much of it and look white.
     """
     chance = PROMISING / len(base.residual)
     if any(p.share >= chance for p in scored) or not is_white(base.by_part):
         return False
-    without, *problems = problems_of([base.candidate, *hiding], parts)
+    without, *problems = problems_of([base.candidate, *confounded], parts)
     power = without.evaluate_base().sum_of_squares
     return all(1.0 - leaves / power < chance
                for _, leaves in in_processes(Problem.linear_prediction, problems))
@@ -271,7 +265,7 @@ def simplest_first(alternatives: list[Alternative], scores: Sequence[float]) -> 
     """
     simpler = alternatives[0].placed.effect.simpler
     for k, alternative in enumerate(alternatives):
-        if alternative.id == simpler and scores[k] < scores[0] + CLEARLY:
+        if alternative.id == simpler and scores[k] < scores[0] + CLEAR_DELTA_BIC:
             return [alternative, *alternatives[:k], *alternatives[k + 1:]]
     return alternatives
 
@@ -285,8 +279,7 @@ def at_each_place(fits: Sequence[Fit]) -> list[list[Fit]]:
     """Group fits by their last effect and its port, in the order of the first of each group."""
     groups: dict[tuple[str, str], list[Fit]] = {}
     for fit in fits:
-        last = fit.candidate.effects[-1]
-        groups.setdefault((last.effect.id, last.port.name), []).append(fit)
+        groups.setdefault(fit.candidate.effects[-1].key, []).append(fit)
     return list(groups.values())
 
 

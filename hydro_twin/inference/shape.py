@@ -20,7 +20,7 @@ from hydro_twin.fitting.fit import Fit
 from hydro_twin.fitting.output_error import fitted_residuals
 from hydro_twin.fitting.parts import Part
 from hydro_twin.fitting.port_signals import BLOCK
-from hydro_twin.inference.passing import effect_signals, EffectSignals
+from hydro_twin.inference.effect_signals import effect_signals, EffectSignals
 from hydro_twin.inference.starts import with_other
 from hydro_twin.inference.structure import hats, times, to_output
 from hydro_twin.predictors.scores import rms

@@ -83,10 +83,9 @@ def best_start_of_each(models: Sequence[Model], parts: Sequence[Part]) -> list[M
         states = initial_states(model, parts).x
         left = in_processes(partial(residuals_from, parts=parts, states=states), tried)
         for candidate, misses in zip(tried, map(size_of, left), strict=True):
-            last = candidate.effects[-1]
-            place = last.effect.id, last.port.name
-            if place not in best or misses < best[place][0]:
-                best[place] = misses, candidate
+            key = candidate.effects[-1].key
+            if key not in best or misses < best[key][0]:
+                best[key] = misses, candidate
     return [candidate for _, candidate in best.values()]
 
 
@@ -114,14 +113,13 @@ def shortlist(scored: Sequence[ScoredEffect], most: int) -> list[Placed]:
     The first few from the second, too, and from the best made as strong as the residual says: a
     law that is far too strong at its start moves the output so far that no search leads back.
     """
-    effects: dict[tuple[str, str, str], list[ScoredEffect]] = {}
+    effects: dict[tuple[str, str], list[ScoredEffect]] = {}
     for one in scored:
-        placed = one.placed
-        effects.setdefault((placed.effect.id, placed.port.name, placed.port.kind), []).append(one)
+        effects.setdefault(one.placed.key, []).append(one)
     chosen = []
     for rank, starts in enumerate(effects.values()):
         best = starts[0]
-        if rank < most or best.placed.effect.hides:
+        if rank < most or best.placed.effect.confounded:
             chosen.append(best.placed)
         if rank < min(most, AGAIN):
             chosen += [start.placed for start in starts[1:2]]

@@ -13,7 +13,7 @@ from scipy import signal
 
 from hydro_twin.arrays import FloatArray
 from hydro_twin.effects.curve import KNOTS
-from hydro_twin.fitting.fit import Fit
+from hydro_twin.fitting.fit import Fit, project_out
 from hydro_twin.fitting.parts import Part
 from hydro_twin.fitting.port_signals import explained, simulate_port_signals
 from hydro_twin.model import Model
@@ -62,7 +62,7 @@ def free_curves(fit: Fit, parts: Sequence[Part]) -> list[Dependence]:
     fit, candidate = fit.main, fit.candidate
     carry = to_output(candidate)
     observed = simulate_port_signals(candidate, parts)
-    basis, _ = np.linalg.qr(fit.jacobian)
+    basis = fit.tangent_basis
     groups = _groups(candidate)
     found = []
     for port, name, row in groups:
@@ -84,7 +84,7 @@ def free_curves(fit: Fit, parts: Sequence[Part]) -> list[Dependence]:
 def drift_test(fit: Fit, parts: Sequence[Part]) -> tuple[float, float]:
     """Share and p-value of a drift of the parameters: the tangent times time as columns."""
     fit = fit.main
-    basis, _ = np.linalg.qr(fit.jacobian)
+    basis = fit.tangent_basis
     time = times(fit, parts)
     columns = fit.jacobian * (time - time.mean())[:, None]
     _, share, p_value = explained(columns, fit.residual, basis)
@@ -108,14 +108,13 @@ def drift_rates(fit: Fit, parts: Sequence[Part]) -> dict[str, float]:
         each parameter that was fitted.
     """
     fit = fit.main
-    basis, _ = np.linalg.qr(fit.jacobian)
+    basis = fit.tangent_basis
     time = times(fit, parts)
-    residual = fit.residual - basis @ (basis.T @ fit.residual)
+    residual = project_out(fit.residual, basis)
     rates = {}
     for unknown, slope in zip(fit.unknowns, fit.jacobian.T, strict=True):
         if unknown.owner == '':
-            column = slope * (time - time.max())
-            column -= basis @ (basis.T @ column)
+            column = project_out(slope * (time - time.max()), basis)
             size = float(column @ column)
             rates[unknown.name] = float(column @ residual) / size if size > 0.0 else 0.0
     return rates

@@ -20,6 +20,7 @@ from hydro_twin.fitting.whiteness import is_white
 from hydro_twin.inference.context import Context
 from hydro_twin.inference.continuation import shorter_horizon
 from hydro_twin.inference.curve import FittedCurve
+from hydro_twin.inference.curve_or_names import best_named
 from hydro_twin.inference.determined import without_undetermined
 from hydro_twin.inference.evaluate import result_of
 from hydro_twin.inference.evidence import Evidence
@@ -39,9 +40,8 @@ from hydro_twin.inference.refinement import unrefined
 from hydro_twin.inference.screen import undetectable
 from hydro_twin.inference.search import LONG, search, search_all, unsearched
 from hydro_twin.inference.splits import held_out_split, second_split
-from hydro_twin.inference.stepwise import FINEST, LEAST_SHARE, with_fine_steps
+from hydro_twin.inference.stepwise import FINEST, MIN_SHARE, with_fine_steps
 from hydro_twin.inference.structure import dependences, drift_test
-from hydro_twin.inference.weighing import best_named
 from hydro_twin.model import Model, Record
 from hydro_twin.plants import Plant
 from hydro_twin.predictors.analytical import Analytical
@@ -54,8 +54,9 @@ from hydro_twin.result import (
     TraceResult,
 )
 
-AT_LAST = 60_000        # samples of a thinned recording that are all used in the final fit
-FURTHER = 20            # evaluations of that, which begins where thinned samples led
+MAX_FINAL_SAMPLES = 60_000    # samples of a thinned recording that are all used in the final fit
+FURTHER = 20            # evaluations of the fit to all samples, which starts at the fit to thinned
+#                         ones
 SAME = 1.02             # ratio of mean square errors on held-out data up to which none is worse
 
 
@@ -133,8 +134,8 @@ def _with_memory(found: Evidence, model: Model, earlier: Recording, seed: int) -
           for one in (start, (together.fit if used else alone).candidate)))
     if not used:
         return replace(found, memory=memory)
-    final = ({'after': together.fit} if found.found is None else
-             {'found': replace(found.found, fit=together.fit)})
+    final = ({'after': together.fit} if found.curve is None else
+             {'curve': replace(found.curve, fit=together.fit)})
     gain, by_horizon = _gain(found.before, together.fit, found.recordings['test'], seed)
     return replace(found, **final, memory=memory, known=together.known, improvement=gain,
                    by_horizon=by_horizon)
@@ -176,7 +177,7 @@ def _search(train: Recording, test: Recording, plant: Plant,
     fine = excerpt(whole, plant, sample_time)
     linear = None
     if model is None:
-        few = _count(whole) <= AT_LAST
+        few = _count(whole) <= MAX_FINAL_SAMPLES
         linear = fit_linear(plant, whole if few else fine, plant.constant_values(constants),
                             sample_time, seed).candidate
         before = search(linear, fine, LONG)
@@ -203,7 +204,7 @@ def _search(train: Recording, test: Recording, plant: Plant,
     compared = residuals(after, whitened(data.fine_held_out, after)) if after.whitened else left
     traced = Evidence(
         plant=plant, before=before, after=after, train=whole, test=held_out,
-        recordings={'train': train, 'test': test}, fitted=data.fine, hidden=(),
+        recordings={'train': train, 'test': test}, fitted=data.fine, undetectable=(),
         findings=selection.findings, improvement=gain, by_horizon=by_horizon,
         held_out_error=rms(np.concatenate(left)),
         held_out_ratio=rms(np.concatenate(compared)) / max(after.error, 1e-300),
@@ -211,11 +212,11 @@ def _search(train: Recording, test: Recording, plant: Plant,
         lines=tuple(lines(pieces, sample_time)),
         bursts=tuple(bursts(residuals(after, [*whole, *held_out]))),
         depends_on=tuple(dependences(after, data.fine)), drifts=drift_test(after, data.fine),
-        by_ports=predicted_by_ports(after, data.fine), found=found,
+        by_ports=predicted_by_ports(after, data.fine), curve=found,
         best_named=best_named(explained.replaced, data.coarse_held_out) if (
             found and explained.replaced) else None)
     return traced if traced.fails else replace(
-        traced, hidden=tuple(undetectable(after, data.fine)))
+        traced, undetectable=tuple(undetectable(after, data.fine)))
 
 
 def _count(parts: Sequence[Part]) -> int:
@@ -232,7 +233,7 @@ def _thinned(before: Fit, fine: Sequence[Part], whole: Sequence[Part],
         factor //= 2        # what is thinned must be long enough, at factor 1 all of it is
     some, some_held_out = (excerpt(parts, plant, sample_time, factor)
                            for parts in (whole, held_out))
-    every = factor > 1 and _count(whole) <= AT_LAST
+    every = factor > 1 and _count(whole) <= MAX_FINAL_SAMPLES
     return _Data(whole, held_out, whole if every else some, held_out if every else some_held_out,
                  thin(some, plant, factor), thin(some_held_out, plant, factor), factor,
                  sample_time)
@@ -284,7 +285,7 @@ def _fitted_to_all(before: Fit, base: Fit, linear: Model | None, explained: Expl
     Returns:
         The fit before, that without what was found, the named effects, and the curve.
     """
-    selection, found, after = explained.selection, explained.found, explained.selection.fit
+    selection, found, after = explained.selection, explained.curve, explained.selection.fit
     if data.factor > 1:
         progress('fitting all samples')
         named = after is not base
@@ -375,5 +376,5 @@ def _as_recorded(fit: Fit, sample_time: float, parts: Sequence[Part]) -> Fit:
         fine = search(candidate, parts, FURTHER)
     else:
         refined, fine = search_all([candidate, simple], parts, FURTHER)
-        fine = refined if share(fine, refined) > LEAST_SHARE else fine
+        fine = refined if share(fine, refined) > MIN_SHARE else fine
     return with_fine_steps(fine, parts, FINEST) if fine.candidate.effects else fine

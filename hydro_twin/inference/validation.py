@@ -8,7 +8,8 @@ from hydro_twin.effects import Placed
 from hydro_twin.fitting.autoregression import effective_samples
 from hydro_twin.fitting.fit import Fit
 from hydro_twin.inference.context import Context
-from hydro_twin.inference.criterion import CLEARLY, delta_bic
+from hydro_twin.inference.criterion import CLEAR_DELTA_BIC, delta_bic
+from hydro_twin.inference.decomposition import equivalents
 from hydro_twin.inference.findings import finding, other_findings, Selection, share
 from hydro_twin.inference.held_out import (
     held_out_gain,
@@ -16,20 +17,19 @@ from hydro_twin.inference.held_out import (
     residuals,
     surer_improvement,
 )
-from hydro_twin.inference.reading import equivalents
 from hydro_twin.inference.search import LONG, search_all
 from hydro_twin.inference.starts import with_other
 from hydro_twin.inference.stepwise import (
     exchange,
     indistinct,
     LATER,
-    LEAST_SHARE_LATER,
+    MIN_SHARE_LATER,
     MOST_EFFECTS,
     refined,
     select_forward,
     without_indistinct,
 )
-from hydro_twin.result import CLOSE
+from hydro_twin.result import AMBIGUOUS_DELTA_BIC
 
 UNPROVEN = 0.15         # probability that it does not help up to which an effect stays beside
 #                         others: on the recordings that it was set by, those that are there had
@@ -62,7 +62,7 @@ def _with_equivalents(selection: Selection, context: Context) -> Selection:
         fits = [selection.fit, *search_all(models, context.parts, LONG)]
         laws = [fit.candidate.effects[found.index] for fit in fits]
         scores = delta_bic(fits)
-        near = [j for j, score in enumerate(scores) if score < min(scores) + CLEARLY]
+        near = [j for j, score in enumerate(scores) if score < min(scores) + CLEAR_DELTA_BIC]
         best = next((j for j in near if laws[j].effect.id == laws[0].effect.simpler), near[0])
         (without,) = context.without(fits[best], [found.index])
         again = finding(without, fits[best], [
@@ -150,7 +150,7 @@ def _on_held_out(fit: Fit, bare: Sequence[Fit], without: Fit, context: Context
     for one, gain, alone in zip(before, gains, bare, strict=True):
         doubted = 0.0 if gain > 0.0 else p_of_no_gain(one, after, seed)
         stays = gain > 0.0 or (together and doubted <= UNPROVEN
-                               and share(alone, fit) > LEAST_SHARE_LATER)
+                               and share(alone, fit) > MIN_SHARE_LATER)
         doubts.append(doubted if stays else None)
     return gains, doubts
 
@@ -207,7 +207,7 @@ def _without_refuted(selection: Selection, context: Context) -> Selection:
     if not selection.findings:
         return selection
     after, kept = residuals(selection.fit, context.held_out), []
-    least = CLEARLY / effective_samples(after)
+    least = CLEAR_DELTA_BIC / effective_samples(after)
     for k, found in enumerate(selection.findings):
         refuted = []
         for rival, fit in _close_rivals(selection, k, context):
@@ -228,7 +228,7 @@ def _close_rivals(selection: Selection, k: int, context: Context
                   ) -> Iterator[tuple[tuple[Placed, float], Fit]]:
     """Fit each close rival in the place of an effect."""
     found, candidate = selection.findings[k], selection.fit.candidate
-    close = [rival for rival in found.rivals if rival[1] < CLOSE]
+    close = [rival for rival in found.rivals if rival[1] < AMBIGUOUS_DELTA_BIC]
     fits = search_all([with_other(candidate, found.index, placed) for placed, _ in close],
                       context.parts, LONG)
     return zip(close, fits, strict=True)

@@ -4,90 +4,92 @@ from __future__ import annotations
 from collections.abc import Mapping
 
 from hydro_twin.effects import Placed, Span
-from hydro_twin.fitting.given import conditional_on
+from hydro_twin.fitting.conditional_estimates import conditional_on
 from hydro_twin.inference.evidence import Evidence
 from hydro_twin.inference.findings import Finding
 from hydro_twin.inference.probability import (
-    ABOVE_NOISE,
     coarsened_posterior,
-    DOUBTFUL,
     min_null_probability,
-    POOR,
-    SETTLED,
+    P_OTHER_LAW_CLEAN,
+    P_OTHER_LAW_MISFIT,
+    P_OTHER_LAW_NOISY,
+    P_OTHER_LAW_STRUCTURED,
 )
 from hydro_twin.inference.screen import places, spans
 from hydro_twin.inference.structure import is_drift_significant
 from hydro_twin.plants import Plant, Port
-from hydro_twin.result import CLOSE, NamedEffect, VerdictKind
+from hydro_twin.result import AMBIGUOUS_DELTA_BIC, NamedEffect, VerdictKind
 
-LEFT = 0.01             # share of the residual that ports may predict if a law is right
-LIKELY = 0.05           # p-value of that share
-SURELY = 0.01           # the same, where nothing is named and so nothing else is said
-MUCH = 0.1              # share of a misfit from which what is left is no detail of a right law
-TELLING = 3000.0        # energy explained over the noise variance, to be sure of a law
+MIN_PREDICTED_SHARE = 0.01    # share of the residual that ports may predict if a law is right
+P_STRUCTURE = 0.05      # p-value of that share
+P_UNEXPLAINED = 0.01    # the same, where nothing is named and so nothing else is said
+MAX_REMAINDER_SHARE = 0.1  # share of a misfit from which what is left is no detail of a right law
+MIN_CERTAIN_ENERGY = 3000.0    # energy explained over the noise variance, to be sure of a law
 
 
-def verdict_of(found: Evidence) -> VerdictKind:
+def verdict_of(evidence: Evidence) -> VerdictKind:
     """Say what the evidence shows."""
-    if found.findings:
+    if evidence.findings:
         return 'effect_found'
-    return 'unexplained' if is_structured(found, SURELY) else 'nothing_missing'
+    return 'unexplained' if is_structured(evidence, P_UNEXPLAINED) else 'nothing_missing'
 
 
-def is_structured(found: Evidence, level: float) -> bool:
+def is_structured(evidence: Evidence, level: float) -> bool:
     """Whether what is left depends on anything, by tests at this level."""
-    share, p_value = found.by_ports
-    return bool(found.depends_on or found.lines or found.bursts
-                or is_drift_significant(found.drifts)
-                or found.is_larger_held_out or found.is_loud or (p_value < level and share > LEFT))
+    share, p_value = evidence.by_ports
+    return bool(evidence.depends_on or evidence.lines or evidence.bursts
+                or is_drift_significant(evidence.drifts)
+                or evidence.is_larger_held_out or evidence.is_loud
+                or (p_value < level and share > MIN_PREDICTED_SHARE))
 
 
-def is_residual_large(found: Evidence, explained: float) -> bool:
+def is_residual_large(evidence: Evidence, explained: float) -> bool:
     """Whether the residual beside an effect is large, where it cannot be noise.
 
     Large relative to that of the linear model, or larger than what the effect explains: an effect
     that explains so little may only compensate for errors of other laws.
 
     Args:
-        found: the evidence.
+        evidence: what the search ended with.
         explained: mean square that the effect explains, over that which is left.
     """
     before, after, noise = (error**2 for error in (
-        found.before.error, found.after.error, found.floor))
-    return after - noise > min(MUCH * (before - noise), explained * after)
+        evidence.before.error, evidence.after.error, evidence.floor))
+    return after - noise > min(MAX_REMAINDER_SHARE * (before - noise), explained * after)
 
 
-def named_effects(found: Evidence) -> tuple[NamedEffect, ...]:
+def named_effects(evidence: Evidence) -> tuple[NamedEffect, ...]:
     """Judge each finding against its rivals and against what is left."""
-    if not found.findings:
+    if not evidence.findings:
         return ()
-    reach = spans(found.after.candidate, found.fitted)
-    held = conditional_on(found.after, found.fitted)
-    return tuple(_judge(found, finding, reach, held) for finding in found.findings)
+    reach = spans(evidence.after.candidate, evidence.fitted)
+    held = conditional_on(evidence.after, evidence.fitted)
+    return tuple(_judge(evidence, finding, reach, held) for finding in evidence.findings)
 
 
-def _judge(found: Evidence, finding: Finding, reach: Mapping[Port, Span],
+def _judge(evidence: Evidence, finding: Finding, reach: Mapping[Port, Span],
            held: Mapping[str, tuple[str, ...]]) -> NamedEffect:
     """Judge one finding.
 
     Args:
-        found: the evidence.
+        evidence: what the search ended with.
         finding: the effect.
         reach: range of each port and signal.
         held: parameters of the plant that those of the effects depend on, see `conditional_on`.
     """
-    placed = found.final.candidate.effects[finding.index]
+    placed = evidence.final.candidate.effects[finding.index]
     other_ports = tuple(rival.port.name for rival, distance in finding.rivals
-                        if rival.effect.id == placed.effect.id and distance < CLOSE)
+                        if rival.effect.id == placed.effect.id and distance < AMBIGUOUS_DELTA_BIC)
     if placed.effect.course is not None:
-        other_ports += tuple(name for combination in found.plant.combinations
+        other_ports += tuple(name for combination in evidence.plant.combinations
                              if placed.port.name in combination for name in combination
                              if name not in (placed.port.name, *other_ports))
-    alike = _alike(found.plant, placed.effect.id, (placed.port.name, *other_ports), reach)
+    alike = _alike(evidence.plant, placed.effect.id, (placed.port.name, *other_ports), reach)
     rivals = _by_id(finding, placed.effect.id, alike)
-    samples = len(found.after.main.residual)
+    samples = len(evidence.after.main.residual)
     explained = finding.share / (1.0 - min(finding.share, 1.0 - 1e-12))
-    unknown = _law_unknown(found, explained, samples) if finding.supported else POOR
+    unknown = (_law_unknown(evidence, explained, samples) if finding.supported else
+               P_OTHER_LAW_MISFIT)
     among = coarsened_posterior({placed.effect.id: 0.0, **dict(rivals)}, samples)
     return NamedEffect(
         finding.index, placed, finding.p_value, finding.share, unknown,
@@ -99,19 +101,20 @@ def _judge(found: Evidence, finding: Finding, reach: Mapping[Port, Span],
                if (key := f'{finding.index}:{name}') in held})
 
 
-def _law_unknown(found: Evidence, explained: float, samples: int) -> float:
+def _law_unknown(evidence: Evidence, explained: float, samples: int) -> float:
     """Return how often an effect was named in the place of a law outside the library.
 
     Args:
-        found: the evidence.
+        evidence: what the search ended with.
         explained: mean square that the effect explains, over that which is left.
         samples: that were fitted.
     """
-    if explained * samples > TELLING and found.white and not is_structured(found, LIKELY):
-        return SETTLED
-    if not found.exceeds_noise:
-        return DOUBTFUL if found.found is None else ABOVE_NOISE
-    return POOR if is_residual_large(found, explained) else ABOVE_NOISE
+    if (explained * samples > MIN_CERTAIN_ENERGY and evidence.white
+            and not is_structured(evidence, P_STRUCTURE)):
+        return P_OTHER_LAW_CLEAN
+    if not evidence.exceeds_noise:
+        return P_OTHER_LAW_STRUCTURED if evidence.curve is None else P_OTHER_LAW_NOISY
+    return P_OTHER_LAW_MISFIT if is_residual_large(evidence, explained) else P_OTHER_LAW_NOISY
 
 
 def _alike(plant: Plant, winner: str, ports: tuple[str, ...], reach: Mapping[Port, Span]

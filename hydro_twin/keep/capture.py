@@ -104,7 +104,7 @@ class Capture:
 
 def write(folder: Path, wanted: Wanted, messages: list[Message],
           topics: Mapping[str, tuple[str, bool]], store: Typestore) -> Captured:
-    """Write a stretch into a folder of its own, whole or not at all.
+    """Write a stretch into a folder of its own, atomically.
 
     Args:
         folder: of all captures.

@@ -99,7 +99,7 @@ class Keeper:
         if isinstance(settled, int):     # what was before would blur what it has become
             since = next((then for then, stamp in self.times if stamp >= settled), now)
         self._failing_since, self._settled, self.lacking = now, since, ''
-        self.ask(now, f'refit: the residual is {event.get("rms", 0.0):.4g}, promised '
+        self.ask(now, f'refit: the residual is {event.get("rms", 0.0):.4g}, reference '
                       f'{event.get("promised", 0.0):.4g}'
                       + (f'; the fault {where["says"]}' if where else ''), since)
 

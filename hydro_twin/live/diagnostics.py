@@ -6,7 +6,7 @@ from dataclasses import dataclass, field
 from enum import IntEnum
 import math
 
-from hydro_twin.live.live import Feed, Live
+from hydro_twin.live.inputs import Feed, TwinInputs
 from hydro_twin.live.track import SENSOR
 from hydro_twin.live.twin import MAIN, Twin
 
@@ -45,9 +45,9 @@ def _model_part(twin: Twin) -> str:
 class Diagnosis:
     """Turns counters into statuses; it remembers those of the last time."""
 
-    def __init__(self, live: Live, twins: Sequence[Twin]) -> None:
+    def __init__(self, inputs: TwinInputs, twins: Sequence[Twin]) -> None:
         """Diagnose the inputs and these twins."""
-        self.live = live
+        self.inputs = inputs
         self.twins = twins
         self._last: dict[tuple[object, str], int] = {}
         self._silent: dict[Twin, float] = {}    # for how long each has made no prediction [s]
@@ -70,14 +70,14 @@ class Diagnosis:
             publishers: topic -> how many nodes publish on it.
         """
         statuses = [self._feed(feed, now, elapsed, publishers.get(feed.topic, 0))
-                    for feed in self.live.feeds]
+                    for feed in self.inputs.feeds]
         statuses.append(self._time())
         statuses += [self._twin(twin, elapsed) for twin in self.twins]
         return statuses
 
     def inactive(self) -> list[Status]:
         """Say of the same parts that nothing is asked of them now."""
-        parts = [*map(_input_part, self.live.feeds), TIME, *map(_model_part, self.twins)]
+        parts = [*map(_input_part, self.inputs.feeds), TIME, *map(_model_part, self.twins)]
         return [Status(part, Level.OK, 'inactive') for part in parts]
 
     def _new(self, owner: object, counter: str) -> int:
@@ -93,7 +93,7 @@ class Diagnosis:
         malformed = self._new(feed, 'malformed')
         faults = [f'{malformed} malformed: {feed.fault}'] if malformed else []
         for counter, what in (('not_finite', 'not finite'), ('reordered', 'out of order'),
-                              ('duplicates', 'twice the same stamp'), ('late', 'too late')):
+                              ('duplicates', 'with a repeated stamp'), ('late', 'too late')):
             faults += [f'{track.name}: {count} {what}' for track in feed.tracks
                        if (count := self._new(track, counter))]
         names = [track.name for track in feed.tracks
@@ -111,8 +111,8 @@ class Diagnosis:
             faults = ['no such sensor']
         elif silent:
             level = Level.STALE if needed else Level.WARN
-            faults.insert(0, 'nothing has come yet' if not feed.messages else
-                          f'nothing for {age:.1f} s')
+            faults.insert(0, 'no message yet' if not feed.messages else
+                          f'no message for {age:.1f} s')
         elif names or 0 < arrived <= malformed:
             level = Level.ERROR
         else:
@@ -124,11 +124,11 @@ class Diagnosis:
         for track in feed.tracks:
             for counter in ('duplicates', 'reordered', 'not_finite', 'late', 'filled'):
                 values[f'{track.name} {counter}'] = f'{getattr(track, counter)}'
-        return Status(_input_part(feed), level, '; '.join(faults) or 'coming in', values)
+        return Status(_input_part(feed), level, '; '.join(faults) or 'receiving', values)
 
     def _time(self) -> Status:
         """Say whether time runs on."""
-        aligner = self.live.aligner
+        aligner = self.inputs.aligner
         jumped = self._new(aligner, 'jumps')
         begun = self._new(aligner, 'series')
         values = {'series begun': f'{aligner.series}', 'jumps back': f'{aligner.jumps}'}
@@ -136,7 +136,7 @@ class Diagnosis:
             return Status(TIME, Level.WARN, f'reset: {aligner.reason}', values)
         if begun and aligner.series > 1:
             return Status(TIME, Level.WARN, 'reset after a gap in the inputs', values)
-        return Status(TIME, Level.OK, 'runs on', values)
+        return Status(TIME, Level.OK, 'running', values)
 
     def _twin(self, twin: Twin, elapsed: float) -> Status:
         """Say how one twin does."""
@@ -149,11 +149,11 @@ class Diagnosis:
                   'rate [Hz]': f'{made / elapsed:.1f}',
                   'rate wanted [Hz]': f'{wanted:.1f}', 'predictions': f'{twin.predictions}',
                   'divergences': f'{twin.divergences}'}
-        level, message = Level.OK, 'holds'
+        level, message = Level.OK, 'model holds'
         if monitor is None:
-            message = 'the model file promises no error to watch'
+            message = 'not monitored: the model file states no held-out error'
         else:
-            values['residual promised'] = f'{monitor.promised:.6g}'
+            values['residual promised'] = f'{monitor.reference_rms:.6g}'
             if not math.isnan(monitor.rms):
                 values['residual'] = f'{monitor.rms:.6g}'
             if monitor.chart is not None:
@@ -163,8 +163,8 @@ class Diagnosis:
             if monitor.rise is not None:
                 rise = monitor.rise
                 level = Level.WARN
-                what = (f'the residual is {rise.rms / rise.promised:.2f} times what the model '
-                        'promised' if rise.sign == 'level' else
+                what = (f'the RMS of the residual is {rise.rms / rise.reference_rms:.2f} times '
+                        'the reference' if rise.sign == 'level' else
                         'the innovation is less white than it was')
                 if rise.location is not None:
                     where = rise.location
@@ -173,7 +173,7 @@ class Diagnosis:
                     values['location likelier by [nat]'] = f'{where.gain:.0f}'
                     values['location less likely by [nat]'] = ', '.join(
                         f'{port} {less:.0f}' for port, less in where.others)
-                message = (f'refit: {what}; record the inputs as from stamp '
+                message = (f'refit: {what}; record data like that from stamp '
                            f'{rise.begin * 1e-9:.3f} to {rise.end * 1e-9:.3f}')
         sensors = twin.sensors
         if sensors:

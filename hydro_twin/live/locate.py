@@ -27,10 +27,12 @@ DOUBT = 0.01            # a port is named beside the best where its odds against
 # second: the unit moves the output by the noise. The first is none, the last a jump every sample.
 WALKS = (0.0, 1.0, 7.0)
 STEPS = (1.0, 0.5, 0.5)     # of that search, in logarithms: to a quarter
+STEP_WALKS = 4          # most walks tried in a step: none, weaker, the same and stronger
 LEAST = 0.05            # least walk that a search may come to, which moves nothing in a stretch
 # Spread of the coefficients, in shares of that at which the strongest moves the innovation by its
 # standard deviation: from too weak to show to a thousand times the noise.
 SPREADS = np.exp(np.arange(-3.0, 8.0))
+OFFSET_SPREADS = SPREADS[::2]   # of the constant: a coarser grid is enough
 FINALISTS = 6           # ports that are searched: those with the same response and some beside
 
 
@@ -69,18 +71,20 @@ def locate(model: Model, inputs: FloatArray, measured: FloatArray, first: int, l
     onset = change(plain.innovation, first, last)
     counted = max(onset, model.start_up)
     scale = math.sqrt(float(plain.variance[counted:].mean()))
-    best = []
+    best, tried = [], 0
     for index in range(len(model.plant.ports)):
         probe = max(1e-3 * float(np.abs(plain.passing[:, index]).max()), 1e-12)
         far = reach(model, index, inputs[onset:], start, probe)
         if 0.0 < far < math.inf:
             suspect = Suspect(model, index, scale / far, inputs, measured, onset, start,
                               observer.filter.process)
-            best.append(max((one for walk in WALKS for one in _explanations(suspect, walk)),
-                            key=_gain))
+            explanations = [one for walk in WALKS for one in _explanations(suspect, walk)]
+            tried += len(explanations)
+            best.append(max(explanations, key=_gain))
     best.sort(key=_gain, reverse=True)
     searched = [_search(one) for one in best[:FINALISTS]]
-    return _verdict(model, searched + best[FINALISTS:], plain.log_likelihood(counted))
+    tried += STEP_WALKS * len(STEPS) * len(searched)
+    return _verdict(model, searched + best[FINALISTS:], plain.log_likelihood(counted), tried)
 
 
 def _gain(explanation: _Explanation) -> float:
@@ -160,15 +164,21 @@ def integrated(responses: FloatArray, innovation: FloatArray) -> tuple[float, Fl
         z = np.linalg.solve(L, d * b)
         return (float(0.5 * z @ z - np.log(np.diag(L)).sum()),
                 d * np.linalg.solve(L.T, z))
-    return max((weigh(tops[0] * s, tops[1] * t) for s in SPREADS[::2] for t in SPREADS),
+    return max((weigh(tops[0] * s, tops[1] * t) for s in OFFSET_SPREADS for t in SPREADS),
                key=lambda found: found[0])
 
 
-def _verdict(model: Model, found: Sequence[_Explanation], plain: float) -> Location:
+def _verdict(model: Model, found: Sequence[_Explanation], plain: float, tried: int) -> Location:
     """Name the most likely ports, if the evidence is significant.
 
     Under the model as it is, the likelihood ratio of each explanation has mean 1. So the
     probability that any of K ratios exceeds K / `DOUBT` is at most `DOUBT`.
+
+    Args:
+        model: that the ports are of.
+        found: the best explanation at each port.
+        plain: log-likelihood of the model as it is.
+        tried: laws with a walk of which these are the best, each at every pair of spreads.
     """
     names: dict[str, _Explanation] = {}
     for one in sorted(found, key=_gain, reverse=True):
@@ -176,8 +186,8 @@ def _verdict(model: Model, found: Sequence[_Explanation], plain: float) -> Locat
     if not names:
         return Location()
     best = next(iter(names.values()))
-    tried = len(found) * len(WALKS) * len(SPREADS) ** 2
-    if best.gain - plain < math.log(tried / DOUBT):
+    ratios = tried * len(OFFSET_SPREADS) * len(SPREADS)
+    if best.gain - plain < math.log(ratios / DOUBT):
         return Location(gain=best.gain - plain)
     behind = {name: best.gain - one.gain for name, one in names.items()}
     named = tuple(name for name, less in behind.items() if less < -math.log(DOUBT))

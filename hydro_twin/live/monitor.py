@@ -22,7 +22,7 @@ FREEDOM = 30.0          # least degrees of freedom of a batch, for its cube root
 LOW = 8                 # lowest frequencies from which the variance of a batch is taken
 SAFETY = 2.0            # upper 95 % limit of a variance known from `LOW` of them
 LAGS = 10               # at which the innovation's autocorrelation is watched
-COLOURED = 1.0          # reference of that watch, in standard deviations of a batch's statistic
+COLOUR_REFERENCE = 1.0  # reference of that watch, in standard deviations of a batch's statistic
 OVERSHOOT = 1.166       # of a normal random walk over two boundaries [Siegmund 1985]
 
 
@@ -45,12 +45,17 @@ class Chart:
     delay: float
 
     def score(self, ratio: float) -> float:
-        """Turn mean square over promised mean square into a standard normal variable.
+        """Turn mean square over the reference into a standard normal variable."""
+        return normal_score(ratio, self.freedom)
 
-        Wilson and Hilferty (1931): the cube root of a chi-square variable is nearly normal.
-        """
-        spread = 2.0 / (9.0 * self.freedom)
-        return (math.cbrt(ratio) - (1.0 - spread)) / math.sqrt(spread)
+
+def normal_score(ratio: float, freedom: float) -> float:
+    """Turn a chi-square variable over its mean into a standard normal one.
+
+    Its cube root is nearly normal [Wilson and Hilferty 1931].
+    """
+    spread = 2.0 / (9.0 * freedom)
+    return (math.cbrt(ratio) - (1.0 - spread)) / math.sqrt(spread)
 
 
 def design(variance: float, sample_time: float) -> Chart:
@@ -120,8 +125,8 @@ class Rise:
         begin, end: stamps of the stretch [ns].
         settled: end of the first batch of the stretch [ns]: the rise began between `begin` and
             this.
-        rms, promised: RMS of the residual, as measured and as stated by the model file [unit of
-            the output].
+        rms: RMS of the residual, as measured [unit of the output].
+        reference_rms: the same as the model file states it for held-out data.
         location: where the fault enters; None where that is not looked for.
     """
 
@@ -129,7 +134,7 @@ class Rise:
     settled: int
     end: int
     rms: float
-    promised: float
+    reference_rms: float
     sign: str = 'level'
     location: Location | None = None
 
@@ -150,7 +155,7 @@ class WhitenessCusum:
         self.share = math.nan
         self._usual: list[float] = []
         self._cusum = 0.0
-        self._threshold = threshold_of(COLOURED, FALSE_ALARM / batch)
+        self._threshold = threshold_of(COLOUR_REFERENCE, FALSE_ALARM / batch)
 
     @property
     def rising(self) -> bool:
@@ -171,9 +176,8 @@ class WhitenessCusum:
             self._usual.append(statistic)
             return False
         usual = max(float(np.mean(self._usual or [LAGS])), LAGS)
-        spread = 2.0 / (9.0 * LAGS)
-        score = (math.cbrt(statistic / usual) - (1.0 - spread)) / math.sqrt(spread)
-        self._cusum = max(0.0, self._cusum + score - COLOURED)
+        score = normal_score(statistic / usual, LAGS)
+        self._cusum = max(0.0, self._cusum + score - COLOUR_REFERENCE)
         return self._cusum > self._threshold
 
 
@@ -182,18 +186,18 @@ class Monitor:
 
     `add` is for the hot path and only sums; `judge` does the thinking and may run in another
     thread. The colour of the residual is learned from the first `LEARN` samples; its level is
-    the model file's promise, so that a model which never held is found too.
+    compared with that of the model file, so that a model which never held is found too.
     """
 
-    def __init__(self, promised: float, sample_time: float, white: bool = False) -> None:
+    def __init__(self, reference_rms: float, sample_time: float, white: bool = False) -> None:
         """Watch a residual.
 
         Args:
-            promised: RMS [unit of the output].
+            reference_rms: RMS that it had on held-out data [unit of the output].
             sample_time: [s].
             white: whether its colour is watched, too: that of an observer.
         """
-        self.promised = promised
+        self.reference_rms = reference_rms
         self.sample_time = sample_time
         self.chart: Chart | None = None
         self.rise: Rise | None = None
@@ -256,7 +260,7 @@ class Monitor:
                 self._onset_of_colour = begin, end
             alarm = self.colour.take(residuals, self._judged * self._base <= LEARN)
             if alarm and self.rise is None:
-                self.rise = found = Rise(*self._onset_of_colour, end, self.rms, self.promised,
+                self.rise = found = Rise(*self._onset_of_colour, end, self.rms, self.reference_rms,
                                          'colour')
         return found
 
@@ -273,9 +277,9 @@ class Monitor:
         self.rms = math.sqrt(mean_square)
         if self._cusum == 0.0:
             self._onset = start, end
-        score = chart.score(mean_square / self.promised**2)
+        score = chart.score(mean_square / self.reference_rms**2)
         self._cusum = max(0.0, self._cusum + score - chart.reference)
         if self.rise is None and self._cusum > chart.threshold:
-            self.rise = Rise(*self._onset, end, self.rms, self.promised)
+            self.rise = Rise(*self._onset, end, self.rms, self.reference_rms)
             return self.rise
         return None

@@ -7,7 +7,7 @@ from typing import Any
 
 from hydro_twin.errors import UserError
 
-MODES = ('one_step', 'free_run', 'observer')    # in which a twin runs
+TWIN_MODES = ('one_step', 'free_run', 'observer')    # in which a twin runs
 
 
 @dataclass(frozen=True)
@@ -60,7 +60,7 @@ SETTINGS = (
             'Kalman filter about the model; a model that lacks its noise runs one_step instead; '
             'one_step: likewise, by the difference equation; free_run: from commands only; may be '
             'set while the node runs',
-            choices=MODES),
+            choices=TWIN_MODES),
     Setting('horizon', 1, 'how many samples ahead ~/ahead predicts, in mode observer; may be set '
             'while the node runs', bounds=(1, 10_000)),
     Setting('follow', ('',), 'parameters that the observer follows as they change slowly, NAME or '

@@ -43,7 +43,7 @@ class Twin:
         self.predictions = 0
         self.divergences = 0
         self.residual = math.nan
-        self.promised = predictor.model.record.promised(mode)
+        self.reference_rms = predictor.model.record.reference_rms(mode)
         self._unscored = unscored(predictor.plant, predictor.sample_time, mode)
         noise = predictor.model.noise
         self._expected = noise.innovation if noise and mode == OBSERVER else None
@@ -52,11 +52,12 @@ class Twin:
 
     def start_over(self) -> None:
         """Begin a run, and watch the residual anew."""
-        self.monitor = (Monitor(self.promised, self.predictor.sample_time, self.mode == OBSERVER)
-                        if self.promised else None)
+        self.monitor = (
+            Monitor(self.reference_rms, self.predictor.sample_time, self.mode == OBSERVER)
+            if self.reference_rms else None)
         model = self.predictor.model
         # What is followed is not the model's any more.
-        self._locator = (Locator(model) if self.mode == OBSERVER and self.promised
+        self._locator = (Locator(model) if self.mode == OBSERVER and self.reference_rms
                          and model.noise is not None and not model.noise.follow else None)
         self.reset()
 
@@ -182,6 +183,6 @@ class Twin:
         self.predictions += 1
         self.residual = measured - prediction
         if (self.monitor is not None and self.residual == self.residual     # not nan
-                and self.scored):                                           # as the promise
+                and self.scored):                                           # as the reference
             self.monitor.add(stamp, self._normalised_residual())
         return prediction

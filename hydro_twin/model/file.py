@@ -91,7 +91,7 @@ def _found(placed: Placed) -> dict[str, str]:
 
 
 def write_model(model: Model, path: Path) -> None:
-    """Write a model file, whole or not at all.
+    """Write a model file atomically.
 
     Raises:
         ModelError: the file cannot be written there.

@@ -85,7 +85,7 @@ class Record:
     provenance: Mapping[str, Any] = field(default_factory=dict)
     notes: tuple[str, ...] = ()
 
-    def promised(self, mode: str) -> float | None:
+    def reference_rms(self, mode: str) -> float | None:
         """RMS error that the model had on data it did not fit; None where it does not say."""
         after = self.errors.get('after', {}).get(mode, {})
         value = after.get('test', after.get('train'))

@@ -3,6 +3,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, fields, replace
+from functools import cached_property
 import math
 from typing import Any
 
@@ -198,7 +199,7 @@ class Plant:
         """Number of states, which is the order of the difference equation."""
         return len(self.states)
 
-    @property
+    @cached_property
     def integrates(self) -> bool:
         """Whether the output never forgets an earlier state: the plant has a pole at zero.
 

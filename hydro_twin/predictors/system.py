@@ -59,7 +59,8 @@ class System:
     @property
     def stages(self) -> tuple[System, ...]:
         """Return the systems that held one after another, each by itself; this one is the last."""
-        return (*(system for _, system in self.earlier), replace(self, earlier=()))
+        last = replace(self, earlier=()) if self.earlier else self
+        return (*(system for _, system in self.earlier), last)
 
     def at(self, stamp: int | None) -> System:
         """Return the system that holds at a stamp [ns]; None stands for now."""

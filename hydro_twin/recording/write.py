@@ -1,4 +1,4 @@
-"""Writes recordings as rosbag2 bags, whole or not at all."""
+"""Writes recordings as rosbag2 bags, atomically."""
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence

@@ -38,7 +38,7 @@ def illustrations(result: TraceResult) -> list[Illustration]:
     """List the figures of the page, in its order."""
     effects = [_effect(effect, shape, result.plant)
                for effect, shape in zip(result.effects, result.shapes, strict=True)]
-    found = ([_curve(result.found.placed, result.after)] if result.found else
+    found = ([_curve(result.curve.placed, result.after)] if result.curve else
              [_dependence(dependence) for dependence in result.remainder.depends_on[:SHOWN]])
     return [_output(result), *effects, *found, _spectra(result)]
 

@@ -10,7 +10,7 @@ from jinja2 import ChoiceLoader, Environment, PackageLoader, StrictUndefined
 from hydro_twin.model import Estimate
 from hydro_twin.report.chart import AFTER, BEFORE, Illustration, plain
 from hydro_twin.report.summary import where
-from hydro_twin.result import CLOSE, NEAR, TraceResult
+from hydro_twin.result import AMBIGUOUS_DELTA_BIC, NEAR_DELTA_BIC, TraceResult
 
 NOT_KNOWN = '–'
 
@@ -41,7 +41,7 @@ def page(result: TraceResult, summary: Mapping[str, Any], provenance: Mapping[st
         provenance=provenance, illustrations=illustrations, series_parts=series_parts,
         found_figure=next((i.name for i in illustrations if i.name.startswith('found_')), ''),
         parts='parts fitted: {}, held out to test: {}'.format(*result.parts),
-        colours={'before': BEFORE, 'after': AFTER}, close=CLOSE, near=NEAR,
+        colours={'before': BEFORE, 'after': AFTER}, close=AMBIGUOUS_DELTA_BIC, near=NEAR_DELTA_BIC,
         data={item.name: plain(item) for item in illustrations})
 
 

@@ -50,6 +50,6 @@ def draw(recording: Recording, plant: Plant, runs: Mapping[str, Sequence[FloatAr
 
 
 def write_picture(figure: Figure, path: Path) -> None:
-    """Write a figure as PNG, whole or not at all; the same figure gives the same bytes."""
+    """Write a figure as PNG, atomically; the same figure gives the same bytes."""
     with written_whole(path) as part:
         figure.savefig(part, format='png', dpi=90, metadata={'Software': None})

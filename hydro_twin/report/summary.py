@@ -51,7 +51,7 @@ def summarise(result: TraceResult) -> dict[str, Any]:
         'tested': TESTED[result.tested],
         'effects': [_effect(effect, estimates[effect.index], result.after)
                     for effect in result.effects],
-        'found': result.found and _found(result.found, estimates[-1]),
+        'found': result.curve and _found(result.curve, estimates[-1]),
         'best_named': result.best_named and _best_named(result.best_named),
         'ambiguous': [list(group) for group in result.ambiguous],
         'horizon_s': result.horizon,
@@ -61,7 +61,7 @@ def summarise(result: TraceResult) -> dict[str, Any]:
         'improvement': {'relative': result.improvement.relative, 'low': result.improvement.low,
                         'high': result.improvement.high},
         'cannot_show': [] if result.fails else [
-            {'id': h.id, 'port': h.port, 'says': h.says} for h in result.hidden],
+            {'id': h.id, 'port': h.port, 'says': h.says} for h in result.undetectable],
         'outputs': {name: {'unit': one.unit, 'before': dict(one.before),
                            'after': dict(one.after), 'noise': one.noise}
                     for name, one in result.outputs.items()},
@@ -76,8 +76,8 @@ def summarise(result: TraceResult) -> dict[str, Any]:
             'lines_hz': [line.frequency for line in remainder.lines],
             'depends_on': [{'port': d.port.name, 'signal': d.signal, 'share': d.share,
                             'p_value': d.p_value} for d in remainder.depends_on],
-            'when': [{'bag': spell.bag, 'from_s': spell.begin, 'to_s': spell.end}
-                     for spell in remainder.spells],
+            'when': [{'bag': burst.bag, 'from_s': burst.begin, 'to_s': burst.end}
+                     for burst in remainder.bursts],
             'drifts': remainder.drifts,
             'predicted_by_ports': {'share': share, 'p_value': p_value},
             'says': remainder_sentence(result),
@@ -103,19 +103,20 @@ def sentence(result: TraceResult) -> str:
         return (f'Nothing is found: {leaves}. That is more than white noise, so either the noise '
                 f'has memory or something acts that the ports do not show.')
     if result.verdict == 'unexplained':
-        left = f'Something is left that no known effect explains: {remainder_sentence(result)}'
-        if result.found is None:
+        left = ('The residual has structure that no known effect explains: '
+                f'{remainder_sentence(result)}')
+        if result.curve is None:
             return f'{left}.'
         nearest = '' if result.best_named is None else (
             '. The best named explanation, ' + ' and '.join(
                 where(placed, (placed.port.name,)) for placed in result.best_named.effects)
             + ', explains less')
-        return (f'{left}. With a free curve of the {_over_curve(result.found.placed)}, which '
+        return (f'{left}. With a free curve of the {_over_curve(result.curve.placed)}, which '
                 f'has no name, {falls}{nearest}.')
     named = ' and '.join(_named(effect, result.after) for effect in result.effects)
-    if result.found:
+    if result.curve:
         named += (f', and something that no known effect explains, a free curve of the '
-                  f'{_over_curve(result.found.placed)}')
+                  f'{_over_curve(result.curve.placed)}')
     return f'The model lacks {named}: with it, {falls}.'
 
 
@@ -164,7 +165,7 @@ def _changes(placed: Placed, course: Course, model: Model) -> str:
 def remainder_sentence(result: TraceResult) -> str:
     """Say what can be said of the residual at the end."""
     left = result.remainder
-    parts = [*_lines(left), *_dependence(left), *_spells(left)]
+    parts = [*_lines(left), *_dependence(left), *_bursts(left)]
     if left.drifts:
         parts.append('a parameter drifts over the recording')
     if left.larger_held_out:
@@ -186,7 +187,7 @@ def remainder_sentence(result: TraceResult) -> str:
         return '; '.join(parts)
     if left.white:
         return 'nothing left above the noise'
-    return 'what is left has memory, but depends on nothing that the plant does'
+    return 'the residual is coloured, but independent of the signals of the plant'
 
 
 def _lines(left: Remainder) -> list[str]:
@@ -204,14 +205,15 @@ def _dependence(left: Remainder) -> list[str]:
     return [f'it depends on the {what} ({first.share:.0%} of what is left)']
 
 
-def _spells(left: Remainder) -> list[str]:
-    spells = left.spells
-    if not spells:
+def _bursts(left: Remainder) -> list[str]:
+    bursts = left.bursts
+    if not bursts:
         return []
-    when = (f'from {spells[0].begin:.1f} to {spells[0].end:.1f} s' if len(spells) == 1 else
-            f'in {len(spells)} spells, the first at {spells[0].begin:.1f} s')
-    bag = f' of {spells[0].bag}' if spells[0].bag else ''
-    return [f'much of it comes in {sum(s.end - s.begin for s in spells):.1f} s, {when}{bag}']
+    when = (f'from {bursts[0].begin:.1f} to {bursts[0].end:.1f} s' if len(bursts) == 1 else
+            f'in {len(bursts)} bursts, the first at {bursts[0].begin:.1f} s')
+    bag = f' of {bursts[0].bag}' if bursts[0].bag else ''
+    seconds = sum(burst.end - burst.begin for burst in bursts)
+    return [f'much of it is concentrated in {seconds:.1f} s, {when}{bag}']
 
 
 def _effect(effect: NamedEffect, estimates: dict[str, Any], model: Model) -> dict[str, Any]:

@@ -5,23 +5,22 @@ Nothing here fits or runs a model, and nothing is left to be computed from one.
 from __future__ import annotations
 
 from hydro_twin.result.effects import (
+    AMBIGUOUS_DELTA_BIC,
     BestNamed,
-    CERTAIN,
-    CLOSE,
+    CERTAIN_PROBABILITY,
     FoundCurve,
     FreeCurve,
     Improvement,
     NamedEffect,
-    NEAR,
+    NEAR_DELTA_BIC,
     OverTime,
     Profile,
     Shape,
 )
-from hydro_twin.result.remainder import Dependence, Line, Remainder, Spell
+from hydro_twin.result.remainder import Burst, Dependence, Line, Remainder
 from hydro_twin.result.trace_result import (
     Errors,
     Factor,
-    Hidden,
     Memory,
     OutputErrors,
     Run,
@@ -30,25 +29,26 @@ from hydro_twin.result.trace_result import (
     SIXTH,
     THIRD,
     TraceResult,
+    Undetectable,
     VerdictKind,
     WINDOWS,
 )
 
 __all__ = [
-    'CERTAIN',
-    'CLOSE',
-    'NEAR',
+    'AMBIGUOUS_DELTA_BIC',
+    'CERTAIN_PROBABILITY',
+    'NEAR_DELTA_BIC',
     'SERIES',
     'SIXTH',
     'THIRD',
     'WINDOWS',
     'BestNamed',
+    'Burst',
     'Dependence',
     'Errors',
     'Factor',
     'FoundCurve',
     'FreeCurve',
-    'Hidden',
     'Improvement',
     'Line',
     'Memory',
@@ -60,7 +60,7 @@ __all__ = [
     'Run',
     'SeriesErrors',
     'Shape',
-    'Spell',
     'TraceResult',
+    'Undetectable',
     'VerdictKind',
 ]

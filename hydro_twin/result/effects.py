@@ -7,9 +7,9 @@ from dataclasses import dataclass
 from hydro_twin.arrays import FloatArray
 from hydro_twin.effects import Placed
 
-CLOSE = 10.0            # difference in BIC below which the data do not decide between two laws
-NEAR = 100.0            # difference in BIC up to which a rival is near
-CERTAIN = 0.99          # probability from which a law is certain
+AMBIGUOUS_DELTA_BIC = 10.0  # difference in BIC below which the data do not decide between two laws
+NEAR_DELTA_BIC = 100.0  # difference in BIC up to which a rival is near
+CERTAIN_PROBABILITY = 0.99    # probability from which a law is certain
 
 
 @dataclass(frozen=True)
@@ -125,12 +125,12 @@ class NamedEffect:
     @property
     def certain(self) -> bool:
         """Whether the data single out this law."""
-        return self.probability >= CERTAIN
+        return self.probability >= CERTAIN_PROBABILITY
 
     @property
     def close(self) -> tuple[str, ...]:
         """The ids of the rivals between which and it the data do not decide."""
-        return tuple(name for name, distance in self.rivals if distance < CLOSE)
+        return tuple(name for name, distance in self.rivals if distance < AMBIGUOUS_DELTA_BIC)
 
 
 @dataclass(frozen=True)

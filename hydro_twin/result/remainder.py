@@ -35,7 +35,7 @@ class Line:
 
 
 @dataclass(frozen=True)
-class Spell:
+class Burst:
     """When much of a residual comes, in seconds from the start of its bag."""
 
     bag: str
@@ -51,7 +51,7 @@ class Remainder:
         error: RMS of what was fitted, in the output's unit.
         held_out_error: the same of the test part.
         white: by the test of Ljung and Box.
-        spells: when much of it comes, if seldom, by bag and time.
+        bursts: when much of it comes, if seldom, by bag and time.
         depends_on: port signals that explain some of it, the strongest first.
         drifts: whether the parameters drift over the recording.
         by_ports: (share, p-value) of what the port signals predict of it, in any way.
@@ -64,7 +64,7 @@ class Remainder:
     held_out_error: float
     white: bool
     lines: tuple[Line, ...]
-    spells: tuple[Spell, ...]
+    bursts: tuple[Burst, ...]
     depends_on: tuple[Dependence, ...]
     drifts: bool
     by_ports: tuple[float, float]

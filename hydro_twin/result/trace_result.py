@@ -29,7 +29,7 @@ Errors = Mapping[str, Mapping[str, float]]      # mode -> part -> RMS error, in 
 
 
 @dataclass(frozen=True)
-class Hidden:
+class Undetectable:
     """An effect that a recording could not have shown, and what would."""
 
     id: str
@@ -140,11 +140,11 @@ class TraceResult:
         effects: named, in the order in which they were added.
         shapes: of each of these, what it adds at its port; of linear dynamics, the error over
             their first parameter.
-        found: what no known effect explains, if a curve helps.
+        curve: what no known effect explains, if a curve helps.
         best_named: the named effects that the curve took the place of, if it did.
         improvement: of what is judged on the test part, from before to after: the free run, or,
             where there is a horizon, the free runs over that.
-        hidden: effects that the recording could not have shown.
+        undetectable: effects that the recording could not have shown.
         outputs: the errors of the output and of each sensor that was fitted, by name.
         series: the errors by series, those left out where a run diverges.
         runs: of all series, those of the test part first.
@@ -168,10 +168,10 @@ class TraceResult:
     factor: Factor
     effects: tuple[NamedEffect, ...]
     shapes: tuple[Shape | Profile | OverTime, ...]
-    found: FoundCurve | None
+    curve: FoundCurve | None
     best_named: BestNamed | None
     improvement: Improvement
-    hidden: tuple[Hidden, ...]
+    undetectable: tuple[Undetectable, ...]
     remainder: Remainder
     outputs: Mapping[str, OutputErrors]
     series: tuple[SeriesErrors, ...]
@@ -195,7 +195,7 @@ class TraceResult:
     @property
     def changed(self) -> bool:
         """Whether anything was added to the model."""
-        return bool(self.effects) or self.found is not None
+        return bool(self.effects) or self.curve is not None
 
     @property
     def ambiguous(self) -> tuple[tuple[str, ...], ...]:

@@ -2,7 +2,6 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import asdict
 import json
 from typing import Any
 
@@ -41,10 +40,12 @@ class Announcer:
 
     def refit(self, twin: Twin, rise: Rise, topics: Sequence[str]) -> None:
         """Say that a model no longer holds, and where the fault enters."""
-        self.event('refit', model=twin.name, topics=topics, **asdict(rise) | {
-            'location': rise.location and {
-                'ports': rise.location.ports, 'says': str(rise.location),
-                'gain': rise.location.gain, 'others': dict(rise.location.others)}})
+        location = rise.location and {
+            'ports': rise.location.ports, 'says': str(rise.location),
+            'gain': rise.location.gain, 'others': dict(rise.location.others)}
+        self.event('refit', model=twin.name, topics=topics, begin=rise.begin, settled=rise.settled,
+                   end=rise.end, rms=rise.rms, promised=rise.reference_rms, sign=rise.sign,
+                   location=location)
 
     def diagnostics(self, now: Time, plant: str, statuses: Sequence[Status]) -> None:
         """Say how things stand; the hardware is the plant."""

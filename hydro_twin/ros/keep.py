@@ -200,7 +200,7 @@ class KeepNode(Node):
         Raises:
             UserError: the champion, the signals or the limits do not fit.
         """
-        if self._inputs.live is None and champion is not None:
+        if self._inputs.twin_inputs is None and champion is not None:
             self._inputs.listen(champion.model_file, self._get('plant'))
             self._plant = self._inputs.plant
             self._check_limits(self._get('limits'))
@@ -216,9 +216,9 @@ class KeepNode(Node):
 
     def _note_time(self, now: int) -> None:
         """Note which stamp is the newest at this steady time [ns]."""
-        live = self._inputs.live
-        if live is not None and live.aligner.stamp > 0:
-            self.keeper.note_time(now, live.aligner.stamp)
+        inputs = self._inputs.twin_inputs
+        if inputs is not None and inputs.aligner.stamp > 0:
+            self.keeper.note_time(now, inputs.aligner.stamp)
 
     def _publish_status(self, now: int) -> None:
         """Say how things stand; steady time in ns."""

@@ -13,7 +13,7 @@ from rclpy.validate_topic_name import validate_topic_name
 
 from hydro_twin.errors import ModelError, UserError
 from hydro_twin.keep.keeper import Keeper
-from hydro_twin.live.live import Feed, Live
+from hydro_twin.live.inputs import Feed, TwinInputs
 from hydro_twin.live.messages import learn, message_class
 from hydro_twin.model import read_model
 from hydro_twin.plants import plant_named
@@ -28,7 +28,7 @@ class Inputs:
     """Subscriptions of a node that feed a keeper.
 
     Attributes:
-        live: the samples of the inputs, once a model says of which plant.
+        twin_inputs: the samples of the inputs, once a model says of which plant.
         plant: its name, or ''.
     """
 
@@ -51,7 +51,7 @@ class Inputs:
         self._signals = SignalParameters(node, overrides)
         self._wanted = [self._resolved(name) for name in wanted]
         self._jumps = 0
-        self.live: Live | None = None
+        self.twin_inputs: TwinInputs | None = None
         self.plant = ''
 
     def listen(self, model: Path, plant: str) -> None:
@@ -70,25 +70,25 @@ class Inputs:
             raise ModelError(f"{model}: a model of {name}, but the parameter 'plant' is {plant}")
         known = plant_named(name)
         signals = self._topics.resolved(self._signals.read(known))
-        live = Live(known, signals, about.sample_time, WAIT)
+        inputs = TwinInputs(known, signals, about.sample_time, WAIT)
         try:
-            for feed in live.feeds:
+            for feed in inputs.feeds:
                 learn(feed.type)
-                self._topics.listen(feed, partial(self._guarded, self._take, live, feed))
+                self._topics.listen(feed, partial(self._guarded, self._take, inputs, feed))
         except UserError:
             self._topics.stop_listening()      # the next try begins anew
             raise
         self._keeper.signals = signals
-        self._keeper.topics |= {feed.topic: (feed.type, False) for feed in live.feeds}
-        self.live, self.plant = live, name
+        self._keeper.topics |= {feed.topic: (feed.type, False) for feed in inputs.feeds}
+        self.twin_inputs, self.plant = inputs, name
 
-    def _take(self, live: Live, feed: Feed, payload: bytes) -> None:
+    def _take(self, inputs: TwinInputs, feed: Feed, payload: bytes) -> None:
         """Take in a message: into the ring, and to the models that are judged."""
         received = self._now()
-        aligner, keeper = live.aligner, self._keeper
-        if not live.begun:
-            live.begin(self._topics.publishers())
-        live.take(feed, payload, lambda: received)
+        aligner, keeper = inputs.aligner, self._keeper
+        if not inputs.begun:
+            inputs.begin(self._topics.publishers())
+        inputs.take(feed, payload, lambda: received)
         if aligner.jumps != self._jumps:
             self._jumps = aligner.jumps
             keeper.ring.clear()
@@ -106,7 +106,8 @@ class Inputs:
         What cannot be subscribed to is in `Keeper.uncaptured`, and tried again the next time.
         """
         known = dict(self._node.get_topic_names_and_types())
-        inputs = {feed.topic for feed in self.live.feeds} if self.live is not None else set()
+        feeds = self.twin_inputs.feeds if self.twin_inputs is not None else ()
+        inputs = {feed.topic for feed in feeds}
         # Inputs age however they are published: of a stretch only that stretch is wanted.
         for topic in self._keeper.topics.keys() - inputs:
             if self._is_latched(topic):

@@ -18,7 +18,7 @@ from std_srvs.srv import Trigger
 
 from hydro_twin.errors import ModelError, UserError
 from hydro_twin.live.diagnostics import Diagnosis
-from hydro_twin.live.live import Feed, Live
+from hydro_twin.live.inputs import Feed, TwinInputs
 from hydro_twin.live.models import (
     check_same_inputs,
     Choice,
@@ -52,7 +52,7 @@ class TwinNode(LifecycleNode):
         super().__init__('hydro_twin')
         refuse_impossible_transitions(self)
         self.fault: Exception | None = None   # why the last transition failed
-        self._live: Live | None = None
+        self._inputs: TwinInputs | None = None
         self._outlets: list[Outlet] = []
         self._restoring = False               # parameters are set to what runs already
         self._timer: Timer | None = None      # of an active node
@@ -159,12 +159,12 @@ class TwinNode(LifecycleNode):
                              f"the parameter 'plant' is {plant}")
         check_live(self.get_parameter('sample_time').value or None, predictor.sample_time)
         signals = self._topics.resolved(self._signals.read(predictor.plant))
-        self._live = Live(predictor.plant, signals, predictor.sample_time,
-                          self.get_parameter('wait').value)
+        self._inputs = TwinInputs(predictor.plant, signals, predictor.sample_time,
+                                  self.get_parameter('wait').value)
         horizon = self.get_parameter('horizon').value
         self._outlets = [self._topics.outlet(twin, horizon) for twin in twins]
         self._diagnosed = 0
-        self._running.begin(settings, Diagnosis(self._live, twins))
+        self._running.begin(settings, Diagnosis(self._inputs, twins))
         self._announcer.info(twins)
 
     def _choices(self) -> list[Choice]:
@@ -179,13 +179,13 @@ class TwinNode(LifecycleNode):
 
     def _listen(self) -> None:
         """Subscribe to the inputs, start the timer."""
-        live = self._live
-        if live is None:
+        inputs = self._inputs
+        if inputs is None:
             raise RuntimeError('activated before it was configured')
-        live.aligner.restart()
-        live.begun = False
-        for feed in live.feeds:
-            self._topics.listen(feed, self._listener(live, feed))
+        inputs.aligner.restart()
+        inputs.begun = False
+        for feed in inputs.feeds:
+            self._topics.listen(feed, self._listener(inputs, feed))
         self._ticked = time.monotonic()
         self._timer = self.create_timer(TICK, self._on_tick,
                                         clock=Clock(clock_type=ClockType.STEADY_TIME))
@@ -202,12 +202,12 @@ class TwinNode(LifecycleNode):
         self._stop_listening()
         self._topics.close()
         self._outlets = []
-        self._live = None
+        self._inputs = None
         self._running.forget()
 
     # The hot path
 
-    def _listener(self, live: Live, feed: Feed) -> Callable[[bytes], None]:
+    def _listener(self, inputs: TwinInputs, feed: Feed) -> Callable[[bytes], None]:
         """Make the callback of one topic."""
         clock = self.get_clock()
 
@@ -217,16 +217,16 @@ class TwinNode(LifecycleNode):
         def listen(payload: bytes) -> None:
             if self._running.waiting:
                 self._running.swap_in(self._outlets)
-            if not live.begun:
-                live.begin(self._topics.publishers())
-            live.take(feed, payload, now)
-            self._drain(live)
+            if not inputs.begun:
+                inputs.begin(self._topics.publishers())
+            inputs.take(feed, payload, now)
+            self._drain(inputs)
 
         return listen
 
-    def _drain(self, live: Live) -> None:
+    def _drain(self, inputs: TwinInputs) -> None:
         """Step the twins through all the samples that are ready."""
-        aligner = live.aligner
+        aligner = inputs.aligner
         while aligner.advance():
             for outlet in self._outlets:
                 if aligner.first:
@@ -237,20 +237,20 @@ class TwinNode(LifecycleNode):
         """Fill in inputs that are late, unless it is this process that is late."""
         now = time.monotonic()
         stalled, self._ticked = now - self._ticked > 2.0 * TICK, now
-        if self._live is not None and not stalled:
-            self._live.tick(self.get_clock().now().nanoseconds)
-            self._drain(self._live)
+        if self._inputs is not None and not stalled:
+            self._inputs.tick(self.get_clock().now().nanoseconds)
+            self._drain(self._inputs)
 
     # Requests
 
     def _on_reset(self, request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
         """Restart the predictions."""
         del request
-        if self._live is not None:
-            self._live.aligner.restart()
+        if self._inputs is not None:
+            self._inputs.aligner.restart()
             for outlet in self._outlets:
                 outlet.twin.start_over()
-        response.success = self._live is not None
+        response.success = self._inputs is not None
         response.message = 'restarted' if response.success else 'not configured'
         return response
 
@@ -301,14 +301,14 @@ class TwinNode(LifecycleNode):
     def _after_set(self, parameters: Sequence[Parameter]) -> None:
         """Act on new values."""
         values = {parameter.name: parameter.value for parameter in parameters}
-        if self._live is None:
+        if self._inputs is None:
             if values.keys() & {'model', 'models', 'plant'}:
                 self._declare_signals()
             return
         if self._restoring:
             return
         if 'wait' in values:
-            self._live.aligner.bound_wait(values['wait'])
+            self._inputs.aligner.bound_wait(values['wait'])
         if 'horizon' in values:
             for outlet in self._outlets:
                 outlet.horizon = values['horizon']
@@ -345,7 +345,7 @@ class TwinNode(LifecycleNode):
         self._topics.note_subscribers()
         for twin in diagnosis.twins:
             if (rise := twin.judge()) is not None:
-                self._announcer.refit(twin, rise, [feed.topic for feed in diagnosis.live.feeds])
+                self._announcer.refit(twin, rise, [feed.topic for feed in diagnosis.inputs.feeds])
         statuses = diagnosis.inactive() if self._timer is None else diagnosis.statuses(
             now.nanoseconds, elapsed, self._topics.publishers())
         self._announcer.diagnostics(now, diagnosis.twins[0].predictor.plant.name, statuses)

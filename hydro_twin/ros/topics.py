@@ -16,7 +16,7 @@ from rclpy.validate_topic_name import validate_topic_name
 from sensor_msgs.msg import JointState
 
 from hydro_twin.errors import UserError
-from hydro_twin.live.live import Feed
+from hydro_twin.live.inputs import Feed
 from hydro_twin.live.messages import check_field, message_class
 from hydro_twin.live.outlet import Outlet
 from hydro_twin.live.twin import Twin

@@ -30,7 +30,7 @@ def test_flow_that_saturates_softly_is_a_soft_limit_of_the_opening_and_no_orific
 def test_flow_that_rises_progressively_is_a_curve_and_no_dead_zone():
     found = traced(10209, 'progressive_flow')
     assert found.findings == ()
-    placed = found.found.placed
+    placed = found.curve.placed
     assert (placed.port.name, placed.effect.reads) == ('flow', ('opening',))
 
 

@@ -8,7 +8,7 @@ import pytest
 from scipy.signal import cont2discrete, dlsim
 
 from hydro_twin.commands.main import main
-from hydro_twin.live.live import Live
+from hydro_twin.live.inputs import TwinInputs
 from hydro_twin.live.twin import Twin
 from hydro_twin.live.writer import Writer
 from hydro_twin.model import Model, place, read_model, write_model
@@ -292,7 +292,7 @@ def test_the_live_twin_runs_at_the_clock_of_its_model(fast, model, sample_time):
     """It takes messages every 1 ms, whatever the clock is."""
     signals = load_signals('cylinder', ['command', 'x'])
     predictor = read_model(model).at(sample_time).predictor()
-    live, twin = Live(CYLINDER, signals, sample_time, 0.1), Twin('', predictor, 'free_run')
+    live, twin = TwinInputs(CYLINDER, signals, sample_time, 0.1), Twin('', predictor, 'free_run')
     message, seen, predicted = Writer(['rod'], 'm'), [], []
     for k, values in enumerate(zip(fast['command'], fast['x'], strict=True)):
         stamp = fast.start + 1_000_000 * k

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from hydro_twin.commands.main import main
-from hydro_twin.fitting.search import SearchResult
+from hydro_twin.fitting.one_step import SearchResult
 from hydro_twin.model import read_model
 from hydro_twin.plants import PLANTS
 from hydro_twin.recording.digest import source_of
@@ -77,7 +77,7 @@ def test_the_model_file_knows_where_it_came_from(bag, tmp_path, capsys):
         name: p['value'] for name, p in result['parameters'].items()}
     assert model.errors['after']['free_run'] == {
         part: result[part]['free_run'] for part in ('train', 'test')}
-    assert model.record.promised('one_step') == result['test']['one_step']
+    assert model.record.reference_rms('one_step') == result['test']['one_step']
     assert model.record.provenance['bags'] == [{'path': str(bag), 'sha256': source_of(bag).sha256}]
     assert model.record.provenance['seed'] == 3
     assert model.record.provenance['method'] == 'least_squares'
@@ -108,7 +108,7 @@ def test_replay_model_file_and_study_agree_with_refit(bag, tmp_path, capsys):
     run = analytical_run(SearchResult(values, 0.0, np.zeros(1)), part, replace(model, effects=()))
     for mode in ('one_step', 'free_run'):
         assert replayed[mode]['rmse'] == pytest.approx(result['test'][mode], rel=1e-12)
-        assert model.record.promised(mode) == pytest.approx(result['test'][mode], rel=1e-12)
+        assert model.record.reference_rms(mode) == pytest.approx(result['test'][mode], rel=1e-12)
         assert run.errors['train', mode] == pytest.approx(result['test'][mode], rel=1e-9)
     assert replayed['persistence']['rmse'] == pytest.approx(result['persistence']['test'])
 

@@ -1,4 +1,4 @@
-"""The store and the task: whole or not at all, known again, and on one core."""
+"""The store and the task: atomic, known again, and on one core."""
 import os
 import shutil
 import subprocess

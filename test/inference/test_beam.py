@@ -44,7 +44,7 @@ def searched(*effects):
 
 def first(base, context):
     """Fit each of the effects."""
-    return fit_alternatives(base, context.parts, context.times, 8, True)
+    return fit_alternatives(base, context.parts, context.times, 8, afresh=True)
 
 
 @pytest.fixture(autouse=True)

@@ -11,7 +11,7 @@ from hydro_twin.inference.context import Context
 def test_alternatives_are_fitted_again_where_more_or_worse_ones_are_asked_for(monkeypatch):
     fitted = []
 
-    def fit_alternatives(fit, parts, times, most, afresh, progress, most_error):
+    def fit_alternatives(fit, parts, times, most, *, afresh, progress, most_error):
         fitted.append((most, most_error))
         return []
 

@@ -43,8 +43,9 @@ def test_a_ripple_that_a_long_run_meets_in_the_wrong_phase():
     assert best.effects[-1].effect.id == 'ripple'
     assert best.effects[-1].named['periods'] == pytest.approx(6.0, rel=0.01)
 
-    without, known = (fit_alternatives(base, parts, context.times, 4, True, known=some)[0].fit
-                      for some in ([], [best]))
+    without, known = (
+        fit_alternatives(base, parts, context.times, 4, afresh=True, known=some)[0].fit
+        for some in ([], [best]))
     assert known.error < 1.1 * NOISE < 0.1 * without.error
 
 

@@ -6,11 +6,11 @@ from hydro_twin.fitting.linear import fit_linear
 from hydro_twin.fitting.parts import least_samples, Part, parts_of, thin
 from hydro_twin.inference.excerpt import (
     COARSEST,
-    ENOUGH,
     excerpt,
     harmless_factor,
+    MAX_SAMPLES,
     resampled,
-    STRETCH,
+    STRETCH_SAMPLES,
 )
 from hydro_twin.inference.search import LONG, search
 from hydro_twin.model import Model, place
@@ -35,7 +35,7 @@ def test_what_can_be_thinned_enough_is_kept_whole():
     whole = [part(30_000, 'a')]
     assert excerpt(whole, PLANT, DT, 4) == whole
     cut = excerpt(whole, plant_named('cylinder'), DT, 4)
-    assert [len(p.measured) for p in cut] == [STRETCH] * 20
+    assert [len(p.measured) for p in cut] == [STRETCH_SAMPLES] * 20
     np.testing.assert_array_equal(np.concatenate([p.measured for p in cut]), np.arange(30_000))
 
 
@@ -54,7 +54,7 @@ def test_enough_is_kept_from_begin_to_end(lengths):
     parts = [part(n, str(k)) for k, n in enumerate(lengths)]
     cut = excerpt(parts, PLANT, DT)
     scored = sum(len(p.measured) - START for p in cut)
-    assert 0.4 * ENOUGH <= scored <= 3 * ENOUGH
+    assert 0.4 * MAX_SAMPLES <= scored <= 3 * MAX_SAMPLES
     for one in cut:
         np.testing.assert_array_equal(one.inputs[:, 0], one.measured)   # cut alike
         assert (np.diff(one.measured) == 1).all()
@@ -70,10 +70,10 @@ def test_enough_is_kept_from_begin_to_end(lengths):
 def test_what_will_be_thinned_may_be_more_and_does_not_overlap(factor):
     cut = excerpt([part(100_000, '0')], PLANT, DT, factor)
     scored = sum(len(p.measured) // factor - PLANT.start_samples(factor * DT) for p in cut)
-    assert 1.5 * ENOUGH / factor < scored <= 1.1 * ENOUGH
-    assert all(len(p.measured) == STRETCH for p in cut)
+    assert 1.5 * MAX_SAMPLES / factor < scored <= 1.1 * MAX_SAMPLES
+    assert all(len(p.measured) == STRETCH_SAMPLES for p in cut)
     starts = np.array([p.measured[0] for p in cut])
-    assert (np.diff(starts) >= STRETCH).all()
+    assert (np.diff(starts) >= STRETCH_SAMPLES).all()
     assert len(np.unique(np.diff(starts))) > 1              # in step with nothing
 
 
@@ -107,7 +107,7 @@ def test_a_slow_plant_is_thinned_and_a_fast_one_is_not():
     _, parts, fit, samples = recorded('positioning', {'M': 100.0, 'F_v': 200.0}, 0.3, 30.0,
                                       ('friction', 'motor', {'coulomb': 20.0}))
     assert harmless_factor(fit, parts, samples) > 1
-    assert harmless_factor(fit, parts, ENOUGH) == 1         # short enough as it is
+    assert harmless_factor(fit, parts, MAX_SAMPLES) == 1         # short enough as it is
     _, parts, fit, samples = recorded('positioning', {'M': 2.0, 'F_v': 2000.0}, 60.0, 30.0,
                                       ('friction', 'motor', {'coulomb': 20.0}))
     assert harmless_factor(fit, parts, samples) == 1

@@ -119,9 +119,9 @@ def test_names_that_explain_too_little_stand_where_no_curve_outweighs_them(
     monkeypatch.setattr(explanation, 'with_curve', lambda selection, *_: (selection, curve, None))
     found = explain(base, context, [])
     if curve_is_better:
-        assert (found.found, found.replaced) == (curve, named)
+        assert (found.curve, found.replaced) == (curve, named)
     else:
-        assert (found.found, found.selection.fit) == (None, named.fit)
+        assert (found.curve, found.selection.fit) == (None, named.fit)
         assert [one.supported for one in found.selection.findings] == [False]
 
 

@@ -9,7 +9,7 @@ from traced_rig import fitted, PLANT, record
 from hydro_twin.effects.curve import curve, KNOTS, values
 from hydro_twin.fitting.parts import Part
 from hydro_twin.fitting.unknowns import effect_unknowns
-from hydro_twin.inference import weighing
+from hydro_twin.inference import curve_or_names
 from hydro_twin.inference.context import Context
 from hydro_twin.inference.curve import (
     find_curve,
@@ -19,12 +19,12 @@ from hydro_twin.inference.curve import (
     LARGEST,
     signal_range,
 )
+from hydro_twin.inference.curve_or_names import with_curve
+from hydro_twin.inference.effect_signals import effect_signals
 from hydro_twin.inference.findings import finding, Selection
-from hydro_twin.inference.passing import effect_signals
 from hydro_twin.inference.screen import spans
 from hydro_twin.inference.search import search
 from hydro_twin.inference.structure import free_curves, is_significant_dependence
-from hydro_twin.inference.weighing import with_curve
 from hydro_twin.model import Model, place
 from hydro_twin.plants import plant_named
 
@@ -103,11 +103,11 @@ def test_a_name_beside_a_curve_goes_only_if_that_outweighs_it(uneven, found, mon
     named = search(replace(fit.candidate, effects=(zone,)), train, 40)
     selection = Selection(named, (finding(fit, named, (), 0),))
     beside = search(replace(fit.candidate, effects=(zone, found.placed)), train, 40)
-    monkeypatch.setattr(weighing, 'find_curve', lambda *_: replace(found, fit=beside))
-    monkeypatch.setattr(weighing, '_contested', lambda *_: False)
-    monkeypatch.setattr(weighing, 'read_as_names', lambda *_: None)
+    monkeypatch.setattr(curve_or_names, 'find_curve', lambda *_: replace(found, fit=beside))
+    monkeypatch.setattr(curve_or_names, '_contested', lambda *_: False)
+    monkeypatch.setattr(curve_or_names, 'decompose_curve', lambda *_: None)
     if not heavier:
-        monkeypatch.setattr(weighing, 'outweighs', lambda *_: False)
+        monkeypatch.setattr(curve_or_names, 'outweighs', lambda *_: False)
     kept, curve_found, replaced = with_curve(
         selection, fit, Context(train, test, (0.0, 1.0), 0, lambda _: None))
     assert curve_found is not None

@@ -20,7 +20,7 @@ from hydro_twin.model import place
 from hydro_twin.plants import plant_named
 from hydro_twin.recording.series import Recording, Series
 from hydro_twin.report.summary import summarise
-from hydro_twin.result import CLOSE, Improvement
+from hydro_twin.result import AMBIGUOUS_DELTA_BIC, Improvement
 
 DELAY = ('delay', 'command', {'time': 0.004})
 LAG = ('lag', 'command', {'time_constant': 0.004})
@@ -92,13 +92,13 @@ def distance(true, others, noise):
     ids=['delay', 'lag', 'mode'])
 def test_phase_and_gain_tell_them_apart(true, others):
     """Under sinusoids up to 15 Hz."""
-    assert min(distance(true, others, 0.1)) > 2 * CLOSE
+    assert min(distance(true, others, 0.1)) > 2 * AMBIGUOUS_DELTA_BIC
 
 
 @pytest.mark.slow
 def test_far_below_the_corner_of_a_lag_it_cannot_be_told_from_a_delay():
     (off,) = distance(LAG, (DELAY,), 0.3)
-    assert abs(off) < CLOSE
+    assert abs(off) < AMBIGUOUS_DELTA_BIC
 
 
 def named(name):

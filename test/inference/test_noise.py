@@ -80,7 +80,7 @@ def test_too_short_for_a_line():
 
 @pytest.mark.parametrize(('memory', 'most'), [(0.0, 0), (0.7, 0), (0.97, 8)])
 def test_noise_has_no_bursts(memory, most):
-    """But that which swings so slowly that these thirty spells are a few swings, now and then."""
+    """But that which swings so slowly that these thirty blocks are a few swings, now and then."""
     assert sum(bool(bursts(noise(seed, 900, 600, memory=memory))) for seed in range(500)) <= most
 
 

@@ -54,8 +54,8 @@ def test_at_rest_it_says_what_to_move():
     found = excitation(record(count=2, amplitude=0.0), MODEL)
     assert not found.enough
     assert {weak.name for weak in found.weak} == set(found.std_errors)
-    assert len(found.hidden) > 0.5 * found.tried
-    assert ', 25% is needed: move theta_d near' in found.says
+    assert len(found.undetectable) > 0.5 * found.tried
+    assert 'at most 25% is needed' in found.says
     still = Recording((Series({name: np.zeros(1500) for name in ('u_m', 'theta_d', 'T_g')},
                               0.002),))
     assert excitation(still, MODEL).says == 'T_g never moves in the recording'

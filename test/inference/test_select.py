@@ -101,7 +101,7 @@ def test_a_delay_that_lags_and_inertia_had_made_up_for():
     alone, parts, _ = fitted(record(*both, noise=0.3))
     zone = replace(alone.candidate, effects=(place(*both[1], PLANT),))
     base = search(zone, parts, 40)
-    first, *_ = fit_alternatives(base, parts, (0.0, 1.0), 8, False)
+    first, *_ = fit_alternatives(base, parts, (0.0, 1.0), 8, afresh=False)
     assert first.id == 'delay'
     assert first.placed.named['time'] == pytest.approx(0.008, rel=0.1)
     assert first.fit.error < 0.99 * base.error
@@ -114,7 +114,7 @@ def test_an_orifice_is_found_that_is_much_weaker_than_any_start():
     alone, parts, _ = fitted(record(*others, weak, noise=0.05))
     beside = tuple(place(*other, PLANT) for other in others)
     base = search(replace(alone.candidate, effects=beside, substeps=4), parts, 40)
-    first, *_ = fit_alternatives(base, parts, (0.0, 1.0), 8, False)
+    first, *_ = fit_alternatives(base, parts, (0.0, 1.0), 8, afresh=False)
     assert first.id == 'orifice'
     assert first.placed.named['supply_pressure'] == pytest.approx(4e8, rel=0.05)
     assert first.fit.error == pytest.approx(0.05, rel=0.05)
@@ -128,7 +128,7 @@ def test_a_ripple_is_found_in_less_than_half_a_period_of_it():
     angle = np.concatenate(simulate_port_signals(alone.candidate, parts))[
         :, PLANT.signal_row(ripple.port, 'position')]
     assert 0.1 < np.ptp(angle) * waves['periods'] / (2.0 * np.pi) < 0.4
-    first, second, *_ = fit_alternatives(alone, parts, (0.0, 1.0), 8, True)
+    first, second, *_ = fit_alternatives(alone, parts, (0.0, 1.0), 8, afresh=True)
     assert first.id == 'ripple'
     assert first.placed.named['periods'] == pytest.approx(30.0, rel=0.05)
     assert first.fit.error == pytest.approx(0.1, rel=0.05)

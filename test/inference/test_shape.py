@@ -9,7 +9,7 @@ from trace_by_hand import candidate, parts
 
 from hydro_twin.fitting.output_error import free_run, residuals
 from hydro_twin.fitting.port_signals import simulate_port_signals
-from hydro_twin.inference.passing import effect_signals
+from hydro_twin.inference.effect_signals import effect_signals
 from hydro_twin.inference.search import search
 from hydro_twin.inference.shape import dominant_signal, free_curves, shape_of
 

@@ -136,8 +136,8 @@ def test_two_effects_are_both_named():
 @pytest.mark.slow
 def test_a_long_recording_of_an_axis_that_integrates(monkeypatch):
     """Stretches, thinned, find the effects; the values come from all samples."""
-    monkeypatch.setattr('hydro_twin.inference.excerpt.ENOUGH', 1_500)
-    monkeypatch.setattr('hydro_twin.inference.excerpt.STRETCH', 500)
+    monkeypatch.setattr('hydro_twin.inference.excerpt.MAX_SAMPLES', 1_500)
+    monkeypatch.setattr('hydro_twin.inference.excerpt.STRETCH_SAMPLES', 500)
     plant = plant_named('positioning')
     placed = [place('friction', 'motor', {'coulomb': 20.0}, plant),
               place('bias', 'motor', {'offset': 3.0}, plant)]
@@ -280,7 +280,7 @@ def test_what_may_make_the_free_run_worse_where_nothing_was_fitted_is_not_named(
     monkeypatch.setattr(module, '_gain', worse)
     found = evidence(rubbing, None, PLANT)
     assert found.findings == ()
-    assert found.found is None
+    assert found.curve is None
     assert found.after is found.before
     assert verdict_of(found) == 'unexplained'
 
@@ -370,10 +370,10 @@ def test_what_happened_once_is_told_by_when():
     shaken = replace(first, columns={**first.columns, 'T_g': torque})
     report = report_of(Recording((shaken, second)))
     assert (report['verdict'], report['effects']) == ('unexplained', [])
-    (spell,) = report['remainder']['when']
-    assert spell['bag'] == first.source
-    assert spell['from_s'] < 2.0 < spell['to_s'] < spell['from_s'] + 0.35
-    assert 'much of it comes' in report['says']
+    (burst,) = report['remainder']['when']
+    assert burst['bag'] == first.source
+    assert burst['from_s'] < 2.0 < burst['to_s'] < burst['from_s'] + 0.35
+    assert 'much of it is concentrated' in report['says']
 
 
 @pytest.mark.slow
@@ -417,7 +417,7 @@ def test_the_verb_keeps_its_contract(files, traced, reference, tmp_path, capsys)
     model = read_model(out / 'model.yaml')
     (placed,) = model.effects
     assert placed.named['coulomb'] == effect['parameters']['coulomb']['value']
-    assert model.record.promised('free_run') == report['after']['free_run']['test']
+    assert model.record.reference_rms('free_run') == report['after']['free_run']['test']
     linear = tmp_path / 'linear.yaml'
     assert verb(capsys, 'refit', files / 'bag', '--plant', PLANT.name, '-o', linear)[0] == 0
     before = verb(capsys, 'replay', files / 'bag', '--model', linear)[1]

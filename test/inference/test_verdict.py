@@ -13,11 +13,11 @@ from hydro_twin.inference.evaluate import result_of
 from hydro_twin.inference.findings import Finding
 from hydro_twin.inference.noise import Burst, noise_floor
 from hydro_twin.inference.probability import (
-    ABOVE_NOISE,
-    DOUBTFUL,
     min_null_probability,
     of_verdict,
-    POOR,
+    P_OTHER_LAW_MISFIT,
+    P_OTHER_LAW_NOISY,
+    P_OTHER_LAW_STRUCTURED,
     SAMPLES,
 )
 from hydro_twin.inference.search import search
@@ -142,9 +142,9 @@ def test_a_constant_torque_may_be_a_ripple_where_the_motor_hardly_turns(travel, 
 
 
 @pytest.mark.parametrize(('noise', 'missed', 'unknown'), [
-    (0.2, 2.0, POOR),           # 5 times the noise, and a fourth of what was missed
-    (0.2, 4.0, ABOVE_NOISE),    # as much, but a sixteenth only
-    (0.5, 2.0, DOUBTFUL)])      # twice the noise, which may be coloured
+    (0.2, 2.0, P_OTHER_LAW_MISFIT),           # 5 times the noise, and a fourth of what was missed
+    (0.2, 4.0, P_OTHER_LAW_NOISY),    # as much, but a sixteenth only
+    (0.5, 2.0, P_OTHER_LAW_STRUCTURED)])      # twice the noise, which may be coloured
 def test_a_name_is_doubtful_where_much_is_left_that_cannot_be_noise(
         rubbing, noise, missed, unknown):
     before, after = (replace(rubbing.after, residual=error * np.ones(1000), lengths=(1000,))
@@ -155,12 +155,13 @@ def test_a_name_is_doubtful_where_much_is_left_that_cannot_be_noise(
 
 def test_a_name_beside_a_curve_is_less_probable(rubbing):
     found = replace(rubbing, white=False)
-    beside = replace(found, found=FittedCurve(rubbing.after, rubbing.improvement, 0.0, ()))
+    beside = replace(found, curve=FittedCurve(rubbing.after, rubbing.improvement, 0.0, ()))
     assert [{one.law_unknown for one in named_effects(traced)} for traced in (found, beside)] == [
-        {DOUBTFUL}, {ABOVE_NOISE}]
+        {P_OTHER_LAW_STRUCTURED}, {P_OTHER_LAW_NOISY}]
 
 
-@pytest.mark.parametrize(('share', 'unknown'), [(0.6, ABOVE_NOISE), (0.4, POOR)])
+@pytest.mark.parametrize(('share', 'unknown'), [
+    (0.6, P_OTHER_LAW_NOISY), (0.4, P_OTHER_LAW_MISFIT)])
 def test_a_name_is_doubtful_where_more_is_left_than_it_explains(rubbing, share, unknown):
     """What is left is 0.96 of the mean square after it, and a twentieth of the one before."""
     before, after = (replace(rubbing.after, residual=error * np.ones(1000), lengths=(1000,))

@@ -50,7 +50,7 @@ def test_an_event_becomes_a_promotion_that_is_confirmed(loop: Loop) -> None:
     assert record['bag']['sha256'] == source_of(
         loop.folder / 'store' / record['bag']['path']).sha256
     assert [row.captured for row in rows(loop.keeper.store)] == ['', record['bag']['why'][0]]
-    assert record['bag']['why'] == ['refit: the residual is 3, promised 1']
+    assert record['bag']['why'] == ['refit: the residual is 3, reference 1']
 
 
 def test_a_champion_that_does_worse_goes_back(loop: Loop) -> None:

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from rosbags.typesys import get_typestore, Stores
 
-from hydro_twin.live.live import Live
+from hydro_twin.live.inputs import TwinInputs
 from hydro_twin.model import Model, Record
 from hydro_twin.plants import Plant, plant_named
 from hydro_twin.recording.signals import SignalMap
@@ -35,10 +35,10 @@ def joint_state(stamp: int, names: Sequence[str], position: Sequence[float],
     return bytes(STORE.serialize_cdr(message, JOINTS))
 
 
-def model(promised: float | None = 1.0) -> Model:
+def model(reference_rms: float | None = 1.0) -> Model:
     values = {p.name: (p.lower * p.upper)**0.5 for p in PLANT.parameters}
-    errors = {} if promised is None else {
-        'after': {mode: {'test': promised} for mode in ('one_step', 'free_run')}}
+    errors = {} if reference_rms is None else {
+        'after': {mode: {'test': reference_rms} for mode in ('one_step', 'free_run')}}
     return Model(PLANT, PLANT.constant_values() | values, PLANT.sample_time,
                  record=Record(errors=errors))
 
@@ -78,7 +78,7 @@ class EchoStepper:
 class Sink:
     """Takes all the samples that a live twin makes."""
 
-    live: Live = field(default_factory=lambda: Live(PLANT, SIGNALS, 0.002, 0.1))
+    live: TwinInputs = field(default_factory=lambda: TwinInputs(PLANT, SIGNALS, 0.002, 0.1))
     samples: list[tuple[int, float, float, float, bool]] = field(default_factory=list)
 
     def feed(self, topic: int, payload: bytes, now: int = 0) -> None:

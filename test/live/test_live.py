@@ -11,7 +11,7 @@ import pytest
 
 from hydro_twin.errors import ModelError
 from hydro_twin.live.diagnostics import Diagnosis, Level
-from hydro_twin.live.live import Live
+from hydro_twin.live.inputs import TwinInputs
 from hydro_twin.live.models import check_same_inputs, choices, load_twin, quick_refusal
 from hydro_twin.live.outlet import Outlet
 from hydro_twin.live.reader import Reader
@@ -37,7 +37,7 @@ def test_messages_become_samples() -> None:
     sink = Sink()
     sink.run(range(50))
     assert sink.samples == expected(range(50))
-    assert said(sink, '/joint_states') == (Level.OK, 'coming in')
+    assert said(sink, '/joint_states') == (Level.OK, 'receiving')
 
 
 def sensed() -> Sink:
@@ -45,7 +45,7 @@ def sensed() -> Sink:
     signals = SIGNALS | {
         'omega_m': SignalMap('/joint_states', 'sensor_msgs/msg/JointState', 'velocity[0]'),
         'x_v': SignalMap('/spool', 'sensor_msgs/msg/JointState', 'position[0]')}
-    return Sink(Live(PLANT, signals, 0.002, 0.02))
+    return Sink(TwinInputs(PLANT, signals, 0.002, 0.02))
 
 
 def test_without_the_sensors_that_are_configured_all_is_as_before() -> None:
@@ -57,9 +57,9 @@ def test_without_the_sensors_that_are_configured_all_is_as_before() -> None:
         assert len(sink.samples) == k + 1
     assert sink.samples == expected(range(50))
     assert np.isnan(sink.live.aligner.sensors).all()
-    assert said(sink, '/joint_states') == (Level.OK, 'coming in')
+    assert said(sink, '/joint_states') == (Level.OK, 'receiving')
     assert said(sink, '/spool', publishers=0) == (Level.OK, 'no such sensor')
-    assert said(sink, '/spool', publishers=1) == (Level.WARN, 'nothing has come yet')
+    assert said(sink, '/spool', publishers=1) == (Level.WARN, 'no message yet')
 
 
 def test_a_sensor_that_stops_is_said_and_stops_nothing() -> None:
@@ -78,7 +78,7 @@ def test_a_sensor_that_stops_is_said_and_stops_nothing() -> None:
     diagnosis = Diagnosis(sink.live, [])
     diagnosis.statuses(0, 1.0, {})
     status = next(s for s in diagnosis.statuses(10**9, 1.0, {'/spool': 1}) if '/spool' in s.part)
-    assert (status.level, status.message) == (Level.WARN, 'nothing for 1.0 s')
+    assert (status.level, status.message) == (Level.WARN, 'no message for 1.0 s')
     assert status.values['x_v filled'] == '1'
 
 
@@ -119,13 +119,13 @@ def test_a_sensor_that_fails_is_no_reason_to_refit() -> None:
                   sensors={'omega_m': 5e-3})
     sound = replace(linear, noise=noise).predictor()
     results, _ = sound.filter.run(inputs, np.column_stack([measured, sensors]))     # type: ignore
-    promise = float(np.sqrt(np.mean((measured - results[:, 0])[:10_000] ** 2)))
+    reference_rms = float(np.sqrt(np.mean((measured - results[:, 0])[:10_000] ** 2)))
     innovation = float(np.sqrt(np.mean(results[:10_000, 1])))
     sensors[20_000:] = math.nan
     for expected, rises in ((innovation, False), (None, True)):
         twin = Twin('', replace(
             linear, noise=replace(noise, innovation=expected),
-            record=Record(errors={'after': {'observer': {'test': promise}}})).predictor(),
+            record=Record(errors={'after': {'observer': {'test': reference_rms}}})).predictor(),
             'observer')
         residuals = []
         for k in range(n):
@@ -253,7 +253,7 @@ def test_only_malformed_messages_are_an_error_after_good_ones_too() -> None:
 @pytest.mark.parametrize('pause', [1.003, 5.0])
 def test_a_slow_topic_is_silent_only_after_some_of_its_pauses(pause: float) -> None:
     second = 10 ** 9
-    live = Live(PLANT, SIGNALS, pause, 0.1)
+    live = TwinInputs(PLANT, SIGNALS, pause, 0.1)
     twin = Twin('', Echo(model(), sample_time=pause), 'one_step')
     diagnosis = Diagnosis(live, [twin])
     levels: list[Level] = []
@@ -282,7 +282,7 @@ def test_a_slow_topic_is_silent_only_after_some_of_its_pauses(pause: float) -> N
 
 def test_missing_predictions_are_said_but_not_one_more_or_less() -> None:
     twin = Twin('', Echo(model(), sample_time=0.5), 'one_step')
-    diagnosis = Diagnosis(Live(PLANT, SIGNALS, 0.5, 0.1), [twin])
+    diagnosis = Diagnosis(TwinInputs(PLANT, SIGNALS, 0.5, 0.1), [twin])
     for made, level in ((0, Level.WARN), (3, Level.OK), (1, Level.OK), (0, Level.WARN)):
         twin.predictions += made
         assert diagnosis.statuses(0, 1.0, {})[-1].level == level
@@ -304,7 +304,7 @@ def test_the_counters_go_on_where_a_twin_is_replaced() -> None:
     assert list(diagnosis.twins) == [twins[2], twins[1]]
     statuses = diagnosis.statuses(0, 1.0, {})
     assert [(s.values['rate [Hz]'], s.message) for s in statuses[:2]] == [
-        ('500.0', 'coming in'), ('500.0', 'coming in')]
+        ('500.0', 'receiving'), ('500.0', 'receiving')]
     assert twins[0] not in {owner for owner, _ in diagnosis._last}
 
 
@@ -330,7 +330,7 @@ def test_a_clock_that_jumps_back_is_said() -> None:
 
 def test_without_a_stamp_the_arrival_counts() -> None:
     signals = {n: SignalMap(f'/{n}', 'std_msgs/msg/Float64', 'data') for n in SIGNALS}
-    sink = Sink(Live(PLANT, signals, 0.002, 0.1))
+    sink = Sink(TwinInputs(PLANT, signals, 0.002, 0.1))
     for k in range(30):
         for topic in range(3):
             payload = joint_float(float(k))
@@ -425,7 +425,7 @@ def test_a_twin_that_takes_over_costs_no_prediction() -> None:
 
 
 def test_a_model_that_no_longer_holds_is_said() -> None:
-    twin = Twin('', Echo(model(promised=1.0)), 'one_step')
+    twin = Twin('', Echo(model(reference_rms=1.0)), 'one_step')
     assert twin.monitor is not None
     rng = np.random.default_rng(0)
     for k, e in enumerate(rng.normal(0.0, 2.0, 40 * 500).tolist()):
@@ -434,8 +434,8 @@ def test_a_model_that_no_longer_holds_is_said() -> None:
     twin.monitor.judge()
     said_of = Diagnosis(Sink().live, [twin]).statuses(0, 1.0, {})[-1]
     assert said_of.level == Level.WARN
-    assert said_of.message.startswith('refit: the residual is 2.')
-    assert 'record the inputs as from stamp 0.000' in said_of.message
+    assert said_of.message.startswith('refit: the RMS of the residual is 2.')
+    assert 'record data like that from stamp 0.000' in said_of.message
     twin.start_over()
     assert twin.monitor.rise is None
 

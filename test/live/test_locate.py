@@ -15,7 +15,7 @@ from scipy.linalg import block_diag, expm
 from scipy.stats import multivariate_normal
 
 from hydro_twin.live.diagnostics import Diagnosis
-from hydro_twin.live.live import Live
+from hydro_twin.live.inputs import TwinInputs
 from hydro_twin.live.locate import change, integrated, locate
 from hydro_twin.live.location import Location
 from hydro_twin.live.locator import EARLY, HELD_BACK, KEPT, LEAD, LEAST, Locator, SPAN, YIELD
@@ -342,10 +342,13 @@ def test_event_and_diagnostics_carry_where_the_fault_enters(monkeypatch) -> None
     node.refit(twin, rise, ['/command'])
     event = json.loads(published[0])
     assert event['event'] == 'refit'
+    assert set(event) == {'event', 'model', 'topics', 'begin', 'settled', 'end', 'rms', 'promised',
+                          'sign', 'location'}
+    assert event['promised'] == 0.51
     assert event['sign'] in ('level', 'colour')
     assert 'motor' in event['location']['ports']
     assert event['location']['gain'] > 100.0
     assert event['location']['says'].startswith('enters at motor')
-    statuses = Diagnosis(Live(LOAD, SIGNALS, T, 0.1), [twin]).statuses(0, 1.0, {})
+    statuses = Diagnosis(TwinInputs(LOAD, SIGNALS, T, 0.1), [twin]).statuses(0, 1.0, {})
     assert 'the fault enters at motor' in statuses[-1].message
     assert statuses[-1].values['location'].startswith('motor')

@@ -29,9 +29,9 @@ def noise(seconds: int, memory: float, rng: np.random.Generator) -> np.ndarray:
     return coloured(rng.normal(size=round(seconds / DT)), memory)
 
 
-def watch(residual: np.ndarray, promised: float = 1.0) -> tuple[Monitor, list[float]]:
+def watch(residual: np.ndarray, reference_rms: float = 1.0) -> tuple[Monitor, list[float]]:
     """Feed a residual; whole batches at once, which `add` sums sample by sample."""
-    monitor = Monitor(promised, DT)
+    monitor = Monitor(reference_rms, DT)
     for k, value in enumerate(residual[:LEARN].tolist()):
         monitor.add(round(k * DT * 1e9), value)
     begin = LEARN // RATE * RATE
@@ -85,7 +85,7 @@ def test_a_rise_by_a_fifth_is_found_about_when_stated(memory: float) -> None:
 
 
 def test_a_model_that_never_held_is_found_too() -> None:
-    monitor, _ = watch(noise(120, 0.01, np.random.default_rng(3)), promised=0.5)
+    monitor, _ = watch(noise(120, 0.01, np.random.default_rng(3)), reference_rms=0.5)
     assert monitor.rise is not None
     assert monitor.rise.rms == pytest.approx(1.0, rel=0.3)
 

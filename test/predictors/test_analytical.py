@@ -3,6 +3,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from scipy import signal
+from scipy.linalg import expm
 from scipy.optimize import brentq
 
 from hydro_twin.model import Model, Noise, place
@@ -238,3 +239,15 @@ def test_a_run_that_diverges_is_nan_from_there_on():
     assert np.isnan(found[-1])
     first = np.argmax(np.isnan(found))
     assert np.isnan(found[first:]).all()
+
+
+@pytest.mark.parametrize('name', [*PLANTS, 'with an effect'])
+def test_the_response_to_an_initial_state_is_that_of_the_exponential(name):
+    plant = PLANTS.get(name, PLANTS['load_simulator'])
+    effects = (place('friction', 'motor', {'coulomb': 1.0}, plant),) if name not in PLANTS else ()
+    middle = {p.name: float(np.sqrt(p.lower * p.upper)) for p in plant.parameters}
+    system = Model(plant, plant.constant_values() | middle, plant.sample_time, effects).system
+    response = system.free_response(50)
+    for k in (0, 1, 7, 49):
+        expected = system.laws.C[0] @ expm(system.laws.A * k * plant.sample_time)
+        assert response[k] == pytest.approx(expected, rel=1e-8, abs=1e-12 * abs(expected).max())

@@ -9,7 +9,7 @@ from scipy.linalg import cholesky, expm
 from scipy.signal import cont2discrete
 
 from hydro_twin.errors import ModelError
-from hydro_twin.fitting.noise import ENOUGH, estimate_noise, excerpts
+from hydro_twin.fitting.noise import estimate_noise, excerpts, MAX_SAMPLES
 from hydro_twin.model import Model, Noise, place
 from hydro_twin.plants import PLANTS
 from hydro_twin.predictors import kernel
@@ -48,7 +48,8 @@ def covariance_of_noise(A, intensity, T):
 
 
 @pytest.mark.parametrize(('lengths', 'taken'), [
-    ([6000, 10], [ENOUGH]), ([50, 200, 1, 7], [200, 50, 7]), ([900] * 10, [ENOUGH // 8] * 8)])
+    ([6000, 10], [MAX_SAMPLES]), ([50, 200, 1, 7], [200, 50, 7]),
+    ([900] * 10, [MAX_SAMPLES // 8] * 8)])
 def test_noise_is_estimated_from_as_much_of_the_longest_series_as_it_takes(lengths, taken):
     series = [Series({'x': np.arange(n, dtype=float)}, 0.01) for n in lengths]
     assert [len(one) for one in excerpts(series)] == taken

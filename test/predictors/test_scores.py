@@ -52,7 +52,7 @@ def test_the_twin_watches_what_the_model_promises(effects):
             for k, (u, y) in enumerate(zip(series['command'], series['opening'], strict=True)):
                 twin.step(2_000_000 * k, np.array([u]), float(y))
         assert len(seen) == sum(max(len(s) - unscored, 0) for s in whole.series)
-        assert np.sqrt(np.mean(np.square(seen))) == pytest.approx(twin.promised, rel=1e-9)
+        assert np.sqrt(np.mean(np.square(seen))) == pytest.approx(twin.reference_rms, rel=1e-9)
 
 
 def test_a_part_in_the_midst_of_a_motion_is_scored_in_the_run_of_its_series():

@@ -112,7 +112,8 @@ def test_the_errors_are_those_of_the_models_that_are_written(written, traced):
         expected = errors_of(load_predictor(folder / name), traced.recordings)
         for mode, errors in expected.items():
             assert summary[when][mode] == pytest.approx(errors, rel=1e-12)
-            assert read_model(folder / name).record.promised(mode) == pytest.approx(errors['test'])
+            record = read_model(folder / name).record
+            assert record.reference_rms(mode) == pytest.approx(errors['test'])
 
 
 def test_writing_them_runs_no_model(tmp_path, found, monkeypatch):
@@ -183,5 +184,5 @@ def test_a_curve_is_in_the_model_and_said_to_explain_nothing(tmp_path, named):
     assert summary['found']['explained'] is False
     assert {'before.yaml', 'figures/found_command_value.png'} <= set(names(tmp_path))
     *_, last = read_model(tmp_path / 'model.yaml').effects
-    assert last == made.found.placed
+    assert last == made.curve.placed
     assert summary['found']['added'] == pytest.approx(last.values[2:])

@@ -80,7 +80,7 @@ def test_inputs_that_cannot_be_listened_to_stop_neither_loop_nor_diagnostics(
         said = ticks(node, 3, monkeypatch)
         assert len(done) == len(said) == 3
         assert argument.rpartition('=')[2] in said[-1].status[0].message
-        assert node._inputs.live is None
+        assert node._inputs.twin_inputs is None
         assert not node.keeper.signals
         assert not node._inputs._topics.publishers()
 
@@ -90,7 +90,7 @@ def test_inputs_are_not_subscribed_to_twice_where_one_of_them_fails(
     with running(tmp_path) as node:
         inputs = node._inputs
         inputs._topics.stop_listening()
-        inputs.live, heard = None, list(node.subscriptions)
+        inputs.twin_inputs, heard = None, list(node.subscriptions)
         learnt: list[str] = []
 
         def fails(kind: str) -> None:

@@ -303,7 +303,7 @@ def test_an_inactive_node_says_so_and_alarms_nobody(model: Path,
             'input /load_simulator/command', 'input /load_simulator/joint_states',
             'input /load_simulator/pressure', 'input /load_simulator/spool',
             'input /load_simulator/motor', 'time', 'model main')}
-        assert any(level > 0 for _, level, _ in active)   # nothing has come
+        assert any(level > 0 for _, level, _ in active)   # no message yet
         assert inactive == [(name, 0, 'inactive') for name, _, _ in active]
         assert [name for name, _, _ in again] == [name for name, _, _ in active]
         assert {s.hardware_id for message in said for s in message.status} == {'load_simulator'}

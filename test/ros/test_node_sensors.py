@@ -81,7 +81,7 @@ def test_with_sensors_live_is_replay_to_the_last_digit_and_one_may_fail(
         play(bag)
         rig.until(lambda: len(predictions) >= SAMPLES and len(states) >= SAMPLES,
                   'all is predicted')
-        rig.status('input /load_simulator/pressure', 'nothing for')
+        rig.status('input /load_simulator/pressure', 'no message for')
     assert [stamp_of(m) for m in predictions] == stamps
     np.testing.assert_array_equal([m.effort[0] for m in predictions], expected)
     np.testing.assert_array_equal([m.position for m in states], estimates.reshape(SAMPLES, -1))

@@ -21,7 +21,7 @@ def main() -> None:
     parser.add_argument('--leg', type=Path, metavar='DIR',
                         help='measured recordings of the leg, see docs/measured.md; without them '
                         'the stored results on it stay')
-    parser.add_argument('--runs', type=int, default=RUNS, help='of each method')
+    parser.add_argument('--runs', type=int, default=RUNS, help='runs of each method')
     parser.add_argument('--device', default='cpu', help='cpu or cuda')
     args = parser.parse_args()
     job = Job(args.work, args.runs, args.device, args.leg)

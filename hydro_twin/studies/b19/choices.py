@@ -13,9 +13,8 @@ from hydro_twin.arrays import FloatArray
 from hydro_twin.fitting.coefficients import coefficients_of
 from hydro_twin.fitting.network import Job, Problem, SETTINGS, train_many
 from hydro_twin.fitting.network_search import Scores
-from hydro_twin.fitting.one_step import at_bound, least_squares, one_step_error
+from hydro_twin.fitting.one_step import at_bound, least_squares, one_step_error, SearchResult
 from hydro_twin.fitting.refit import network_problem
-from hydro_twin.fitting.search import SearchResult
 from hydro_twin.model import Model
 from hydro_twin.parallel import in_processes
 from hydro_twin.plants import Plant

@@ -16,11 +16,11 @@ from matplotlib.figure import Figure
 import numpy as np
 
 from hydro_twin.errors import UserError
+from hydro_twin.predictors.predictor import MODES
 from hydro_twin.report.page import environment
 from hydro_twin.studies.b19.study import (
     five_numbers,
     mann_whitney,
-    MODES,
     PARTS,
     Run,
     Study,

@@ -19,11 +19,12 @@ from hydro_twin.model import Model
 from hydro_twin.plants import Plant
 from hydro_twin.predictors.analytical import Analytical
 from hydro_twin.predictors.network_predictor import NetworkPredictor
+from hydro_twin.predictors.predictor import MODES
 from hydro_twin.recording.rig import read, Rig, rig_of
 from hydro_twin.recording.series import Recording, Series
 from hydro_twin.share import share_folder
 from hydro_twin.studies.b19.populations import fit_one_step
-from hydro_twin.studies.b19.study import make_part, model_of, MODES, scores
+from hydro_twin.studies.b19.study import make_part, model_of, scores
 
 if TYPE_CHECKING:
     from hydro_twin.predictors.predictor import Predictor

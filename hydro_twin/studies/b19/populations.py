@@ -9,12 +9,13 @@ from hydro_twin.fitting import physics
 from hydro_twin.fitting.one_step import (
     box,
     Coefficients,
+    Objective,
     one_step_error,
     search_least_squares,
+    SearchResult,
 )
 from hydro_twin.fitting.physics import Method
 from hydro_twin.fitting.regression import Regression
-from hydro_twin.fitting.search import Objective, SearchResult
 from hydro_twin.plants import Plant
 from hydro_twin.studies.b19.bees import bees
 from hydro_twin.studies.b19.evolution import evolution

@@ -4,7 +4,8 @@ from __future__ import annotations
 import numpy as np
 
 from hydro_twin.arrays import FloatArray
-from hydro_twin.fitting.search import CYCLES, INDIVIDUALS, Objective, Scorer, SearchResult
+from hydro_twin.fitting.one_step import Objective, SearchResult
+from hydro_twin.studies.b19.scorer import CYCLES, INDIVIDUALS, Scorer
 
 
 def random_search(

@@ -20,6 +20,7 @@ from hydro_twin.model import Model
 from hydro_twin.plants import plant_named
 from hydro_twin.predictors.analytical import Analytical
 from hydro_twin.predictors.kind import Settings
+from hydro_twin.predictors.predictor import MODES
 from hydro_twin.predictors.scores import errors_of
 from hydro_twin.recording.rig import read, Rig, rig_of
 from hydro_twin.recording.series import Recording, split
@@ -29,7 +30,6 @@ from hydro_twin.studies.b19.populations import fit_one_step
 from hydro_twin.studies.b19.settings import network_models, searches
 from hydro_twin.studies.b19.study import (
     make_part,
-    MODES,
     network_runs,
     Part,
     PARTS,

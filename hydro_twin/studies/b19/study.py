@@ -12,10 +12,10 @@ from hydro_twin.arrays import FloatArray
 from hydro_twin.errors import DataError
 from hydro_twin.fitting.coefficients import coefficients_of
 from hydro_twin.fitting.network import Job, SETTINGS, train_many
+from hydro_twin.fitting.one_step import SearchResult
 from hydro_twin.fitting.parts import parts_of
 from hydro_twin.fitting.refit import network_problem
 from hydro_twin.fitting.regression import Regression, regression
-from hydro_twin.fitting.search import SearchResult
 from hydro_twin.model import Model
 from hydro_twin.plants import Plant
 from hydro_twin.predictors.analytical import Analytical
@@ -29,7 +29,6 @@ from hydro_twin.studies.b19.populations import fit_one_step
 TITLES = {'random': 'RG', 'ea': 'EA', 'bees': 'BA', 'pso': 'PSO', 'mlp': 'MLP',
           'hybrid': 'hybrid', 'least_squares': 'LS'}
 PARTS = ('train', 'test')
-MODES = ('one_step', 'free_run')
 
 HUGE = 1e200        # stands for infinity where quartiles are interpolated
 

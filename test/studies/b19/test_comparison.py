@@ -11,9 +11,10 @@ import numpy as np
 import pytest
 
 from hydro_twin.errors import UserError
+from hydro_twin.predictors.predictor import MODES
 from hydro_twin.studies.b19 import comparison
 from hydro_twin.studies.b19.comparison import page, summary, table, write_comparison
-from hydro_twin.studies.b19.study import MODES, PARTS, Run, Study, TITLES
+from hydro_twin.studies.b19.study import PARTS, Run, Study, TITLES
 
 RUNS = 6
 

@@ -19,13 +19,13 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     common.add_rig_arguments(parser)
     parser.add_argument('-o', '--output', type=Path, required=True, metavar='DIR',
                         help='folder for comparison.html, .csv and .json')
-    parser.add_argument('--runs', type=int, default=20, help='of each method (default: 20)')
+    parser.add_argument('--runs', type=int, default=20, help='runs of each method (default: 20)')
     parser.add_argument('--device', default='cpu',
                         help='where networks are trained: cpu or cuda (default: cpu)')
     parser.add_argument('--search', action='store_true',
                         help='choose weight decay and structure of the networks first, on a third '
-                        'of the training patterns, instead of those of [B19]; kept in '
-                        'DIR/*.search.jsonl, and goes on from there if interrupted')
+                        'of the training patterns, instead of those of [B19]; its state is '
+                        'kept in DIR/*.search.jsonl, from which an interrupted search resumes')
     common.add_seed_argument(parser)
 
 

@@ -1,4 +1,4 @@
-"""All of the live twin but ROS: serialised messages in, samples for the twins out."""
+"""The inputs of the live twin, without ROS: serialised messages in, samples for the twins out."""
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
@@ -24,7 +24,7 @@ class Feed:
     messages: int = 0
     malformed: int = 0
     fault: str = ''
-    arrived: int = 0   # when `Live.tick` saw the newest message [ns]
+    arrived: int = 0   # when `TwinInputs.tick` saw the newest message [ns]
     ticked: int = 0    # messages that it had seen
 
     @property
@@ -33,7 +33,7 @@ class Feed:
         return all(track.index == SENSOR for track in self.tracks)
 
 
-class Live:
+class TwinInputs:
     """The inputs of the twins of one plant.
 
     Attributes:

@@ -1,8 +1,8 @@
-"""Approximation of a free curve by named static laws, alone and composed.
+"""Decomposition of a free curve into named static laws.
 
-A dead zone with a saturation behind it is one curve, and no single law. So static laws of the
-library are fitted to the curve, by themselves and one behind another along the way of its signal.
-Those that draw it best are then fitted to the recording in its place.
+A dead zone followed by a saturation is one curve, and no single law. So static laws of the library
+are fitted to the curve, alone and composed along the path of its signal. The compositions that fit
+it best are then fitted to the recording in its place.
 """
 from __future__ import annotations
 
@@ -21,26 +21,26 @@ from hydro_twin.effects.dispatch import code, transmit
 from hydro_twin.fitting.parts import Part
 from hydro_twin.fitting.port_signals import simulate_port_signals
 from hydro_twin.fitting.unknowns import effect_unknowns
-from hydro_twin.inference.passing import effect_signals
+from hydro_twin.inference.effect_signals import effect_signals
 from hydro_twin.inference.screen import places, spans
 from hydro_twin.model import Model
 from hydro_twin.plants import Port
 
 SAMPLES = 100           # values of the signal at which laws are compared with a curve; half of
 #                         them evenly spaced, half at quantiles
-ALONG = 0.9             # cosine to the signal of the curve, from which a port is on its way
-LAWS = 3                # most laws in a reading
+MIN_COSINE = 0.9        # cosine to the signal of the curve, from which a port is on its path
+MAX_LAWS = 3            # in a composition
 FORMS = 3               # forms of a law, the best by themselves, that compositions start from
 STEPS = 30              # of a fit to the curve, which costs next to nothing
 FAR = 5.0               # most that a coordinate moves in it: a factor of 150, or six times a size
-POOR = 0.5              # share of the power of a curve; what leaves more does not draw it
+MAX_LEFT = 0.5          # share of the power of a curve that a composition may leave
 CORNER = 0.01           # share that a curve of few knots misses of laws with corners
-READ = 6                # readings that are fitted to the recording
+MAX_FITTED = 6          # decompositions that are fitted to the recording
 
 
 @dataclass(frozen=True)
 class Site:
-    """A static law on the way of a signal.
+    """A static law on the path of a signal.
 
     Attributes:
         gain: what reaches the port over the signal.
@@ -67,7 +67,7 @@ class Characteristic:
 
     @property
     def power(self) -> float:
-        """Sum of squares of what the curve bends: what no gain of the plant would draw."""
+        """Sum of squares of what the curve bends: what no gain of the plant explains."""
         residual = _residual(self, (), ())
         return float(residual @ residual)
 
@@ -86,32 +86,32 @@ def is_static(effect: Effect) -> bool:
             and effect.reads in ((), ('value',)))
 
 
-def readings(candidate: Model, parts: Sequence[Part]) -> list[Model]:
-    """Put compositions of static laws in the place of a curve, those that draw it best first.
+def decompositions(candidate: Model, parts: Sequence[Part]) -> list[Model]:
+    """Put compositions of static laws in the place of a curve, those that fit it best first.
 
     Args:
         candidate: a model whose last effect is the curve.
         parts: what it was fitted to.
 
     Returns:
-        Up to `READ` models. None where the curve is over something else than what passes at its
-        port, or where no composition draws it.
+        Up to `MAX_FITTED` models. None where the curve is over something else than what passes at
+        its port, or where no composition fits it.
     """
     last = len(candidate.effects) - 1
-    drawn, sites = _along(candidate, last, parts)
-    forms = [_forms(drawn, site) for site in sites]
-    tried = [_composed(drawn, some) for count in range(1, LAWS + 1)
+    target, sites = _along(candidate, last, parts)
+    forms = [_forms(target, site) for site in sites]
+    tried = [_composed(target, some) for count in range(1, MAX_LAWS + 1)
              for some in combinations(forms, count)]
-    power = drawn.power
+    power = target.power
     # One law more must leave half as much.
-    ranked = sorted((one for one in tried if one.left < POOR * power),
+    ranked = sorted((one for one in tried if one.left < MAX_LEFT * power),
                     key=lambda one: (one.left + CORNER * power) * 2.0 ** len(one.laws))
     bare = candidate.without(last)
-    return [replace(bare, effects=(*bare.effects, *one.laws)) for one in ranked[:READ]]
+    return [replace(bare, effects=(*bare.effects, *one.laws)) for one in ranked[:MAX_FITTED]]
 
 
 def equivalents(candidate: Model, index: int, parts: Sequence[Part]) -> list[Model]:
-    """Put other laws in the place of a static one, those that draw the same curve.
+    """Put other laws in the place of a static one, those with the same curve.
 
     As a limit of a speed and a limit of the opening that it follows: what was found as one of them
     may as well be the other.
@@ -124,22 +124,21 @@ def equivalents(candidate: Model, index: int, parts: Sequence[Part]) -> list[Mod
     placed = candidate.effects[index]
     if not is_static(placed.effect):
         return []
-    drawn, sites = _along(candidate, index, parts)
-    tried = [min((_composed(drawn, [[form]]) for form in _forms(drawn, site)),
+    target, sites = _along(candidate, index, parts)
+    tried = [min((_composed(target, [[form]]) for form in _forms(target, site)),
                  key=lambda one: one.left)
              for site in sites if site.effect is not placed.effect]
     before, after = candidate.effects[:index], candidate.effects[index + 1:]
     return [replace(candidate, effects=(*before, *one.laws, *after)) for one in tried
-            if one.left < CORNER * drawn.power]
+            if one.left < CORNER * target.power]
 
 
 def _along(candidate: Model, index: int, parts: Sequence[Part]
            ) -> tuple[Characteristic, list[Site]]:
-    """Find what a curve or static law passes, and the static laws on the way of its signal.
+    """Find what a curve or static law passes, and the static laws on the path of its signal.
 
-    A port is on the way where what reaches it goes with the signal, or with what is made of it,
-    but for a constant factor. Of the ports that a law may sit on, it is at the one that goes with
-    it best.
+    A port is on the path where what reaches it is proportional to the signal, or to what is made
+    of it. Of the ports that a law may sit on, it is at the one where that holds best.
     """
     placed = candidate.effects[index]
     plant, start_up = candidate.plant, candidate.start_up
@@ -151,7 +150,7 @@ def _along(candidate: Model, index: int, parts: Sequence[Part]
                    for name in (read, 'value'))
     passed = own + np.concatenate([one.added[start_up:] for one in at_port])
     reaching[:, plant.ports.index(placed.port)] = own
-    if not _alike(signal, own) > ALONG:
+    if not _alike(signal, own) > MIN_COSINE:
         return Characteristic(signal, signal), []
     reach = spans(candidate.without(index), parts)
     best: dict[str, tuple[float, Site]] = {}
@@ -161,7 +160,7 @@ def _along(candidate: Model, index: int, parts: Sequence[Part]
         value = reaching[:, plant.ports.index(port)]
         alike, whole = max(((_alike(one, value), one) for one in (signal, passed)),
                            key=itemgetter(0))
-        if alike > max(ALONG, best[effect.id][0] if effect.id in best else 0.0):
+        if alike > max(MIN_COSINE, best[effect.id][0] if effect.id in best else 0.0):
             best[effect.id] = alike, Site(effect, port, _gain(whole, value), reach[port])
     sites = sorted((site for _, site in best.values()),
                    key=lambda site: plant.ports.index(site.port))
@@ -191,21 +190,22 @@ def _gain(signal: FloatArray, value: FloatArray) -> float:
     return float(signal @ value) / float(signal @ signal)
 
 
-def _residual(drawn: Characteristic, laws: Sequence[Placed], gains: Sequence[float]) -> FloatArray:
+def _residual(target: Characteristic, laws: Sequence[Placed], gains: Sequence[float]
+              ) -> FloatArray:
     """Return what laws one behind another leave of a curve, at the best gain of the plant."""
-    passed = drawn.signal
+    passed = target.signal
     for placed, factor in zip(laws, gains, strict=True):
         passed = _passed(placed, factor, passed)
     power = float(passed @ passed)
-    scale = float(passed @ drawn.passed) / power if power > 0.0 else 0.0
-    residual: FloatArray = drawn.passed - scale * passed
+    scale = float(passed @ target.passed) / power if power > 0.0 else 0.0
+    residual: FloatArray = target.passed - scale * passed
     return residual
 
 
-def _forms(drawn: Characteristic, site: Site) -> list[tuple[Site, Placed]]:
-    """List the forms of one law that draw a curve best by themselves, at most `FORMS`."""
+def _forms(target: Characteristic, site: Site) -> list[tuple[Site, Placed]]:
+    """List the forms of one law that fit a curve best by themselves, at most `FORMS`."""
     def left(placed: Placed) -> float:
-        residual = _residual(drawn, [placed], [site.gain])
+        residual = _residual(target, [placed], [site.gain])
         return float(residual @ residual)
 
     simple = sorted((Placed(site.effect, site.port, tuple(start))
@@ -216,12 +216,12 @@ def _forms(drawn: Characteristic, site: Site) -> list[tuple[Site, Placed]]:
     return [(site, placed) for placed in sorted([*simple, *refined], key=left)[:FORMS]]
 
 
-def _composed(drawn: Characteristic, forms: Sequence[list[tuple[Site, Placed]]]) -> Composition:
+def _composed(target: Characteristic, forms: Sequence[list[tuple[Site, Placed]]]) -> Composition:
     """Fit laws one behind another to a curve, from the best of their forms."""
     gains = [some[0][0].gain for some in forms]
 
     def left(laws: Sequence[Placed]) -> float:
-        residual = _residual(drawn, laws, gains)
+        residual = _residual(target, laws, gains)
         return float(residual @ residual)
 
     begun = min(product(*([placed for _, placed in some] for some in forms)), key=left)
@@ -235,7 +235,7 @@ def _composed(drawn: Characteristic, forms: Sequence[list[tuple[Site, Placed]]])
                 for placed, own in zip(begun, named, strict=True)]
 
     def residual(coordinates: FloatArray) -> FloatArray:
-        return _residual(drawn, laws_at(coordinates), gains)
+        return _residual(target, laws_at(coordinates), gains)
 
     start = np.array([one.coordinate(begun[k].named[one.name]) for k, one in unknowns])
     found = least_squares(residual, start, bounds=(start - FAR, start + FAR), max_nfev=STEPS)

@@ -1,31 +1,12 @@
-"""What every population search shares: the objective, the count of cycles, the result."""
+"""What every population search shares: its size, and the score of each population."""
 from __future__ import annotations
-
-from collections.abc import Callable
-from dataclasses import dataclass
 
 import numpy as np
 
 from hydro_twin.arrays import FloatArray
-
-Objective = Callable[[FloatArray], FloatArray]      # (P, d) candidates -> (P,) errors
+from hydro_twin.fitting.one_step import Objective, SearchResult
 
 INDIVIDUALS, CYCLES = 100, 100                      # [B19] Table 2: 10^4 candidates
-
-
-@dataclass(frozen=True)
-class SearchResult:
-    """The best candidate of a search.
-
-    Attributes:
-        best: shape (d,).
-        error: its error.
-        history: the learning curve: the least error so far after each cycle, shape (cycles,).
-    """
-
-    best: FloatArray
-    error: float
-    history: FloatArray
 
 
 class Scorer:

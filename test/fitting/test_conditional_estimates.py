@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 from trace_by_hand import candidate
 
-from hydro_twin.fitting.given import conditional_on
+from hydro_twin.fitting.conditional_estimates import conditional_on
 from hydro_twin.fitting.parts import Part
 from hydro_twin.inference.search import search
 from hydro_twin.model import place

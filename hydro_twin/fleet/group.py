@@ -1,4 +1,4 @@
-"""What is usual for a group of rigs, and where each of them stands in it."""
+"""Mean and spread of a group of rigs, and where each of them stands in it."""
 from __future__ import annotations
 
 from collections.abc import Sequence
@@ -26,7 +26,7 @@ def compare(rigs: Sequence[Row]) -> dict[str, dict[str, Any]]:
             effects that few others have, 'pooled' the number of periods that the values are of.
 
     Returns:
-        Parameter -> what is usual: mean (geometric where `log`), spread between rigs (of the
+        Parameter -> its mean in the group (geometric where `log`), spread between rigs (of the
         logarithm where `log`), number of rigs, of those kept, unit, repeatability.
     """
     known = [rig for rig in rigs if rig['periods']]
@@ -58,10 +58,10 @@ def compare(rigs: Sequence[Row]) -> dict[str, dict[str, Any]]:
 
 
 def _borrow(rigs: Sequence[Row], usual: dict[str, dict[str, Any]], scale: FloatArray) -> None:
-    """Estimate what is usual from all rigs, and each rig with it.
+    """Estimate mean and spread from all rigs, and each rig with them.
 
-    A rig that stands out in a parameter neither counts for what is usual of it nor borrows. One
-    whose recording does not determine a parameter by itself borrows that, too.
+    A rig that stands out in a parameter neither counts for the mean of it nor borrows. One whose
+    recording does not determine a parameter by itself borrows that, too.
     """
     names, logs = list(usual), [one['log'] for one in usual.values()]
     own = [[k for k, name in enumerate(names)

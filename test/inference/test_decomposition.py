@@ -1,4 +1,4 @@
-"""A free curve is read as the laws that draw it, where there are such."""
+"""A free curve is decomposed into static laws, where they fit it."""
 from dataclasses import replace
 
 import numpy as np
@@ -7,7 +7,7 @@ import pytest
 from hydro_twin.effects.curve import curve, KNOTS
 from hydro_twin.fitting.parts import Part
 from hydro_twin.inference.curve import outweighs
-from hydro_twin.inference.reading import equivalents, readings
+from hydro_twin.inference.decomposition import decompositions, equivalents
 from hydro_twin.model import Model, place
 from hydro_twin.plants import plant_named
 
@@ -30,46 +30,46 @@ def at(port, kind):
     return next(one for one in CYLINDER.ports if (one.name, one.kind) == (port, kind))
 
 
-def drawn(law):
+def curve_of(law):
     """Return what a law adds to the command, as a curve."""
     return curve(at('command', 'command'), 'value', -REACH, REACH, law(KNOT) - KNOT)
 
 
-def test_a_curve_is_read_as_the_law_that_draws_it():
-    uneven = drawn(lambda v: np.where(v > 1.5, v - 1.5, np.minimum(v + 0.75, 0.0)))
-    first, *_ = readings(*driven(uneven))
+def test_a_curve_of_one_law_is_that_law():
+    uneven = curve_of(lambda v: np.where(v > 1.5, v - 1.5, np.minimum(v + 0.75, 0.0)))
+    first, *_ = decompositions(*driven(uneven))
     only, = first.effects
     assert (only.effect.id, only.port.name) == ('dead_zone', 'command')
     edges = only.named['centre'] + only.named['width'] * np.array([-1.0, 1.0])
     assert edges == pytest.approx([-0.75, 1.5], abs=0.15)
 
 
-def test_laws_one_behind_another_draw_one_curve():
-    both = drawn(lambda v: np.clip(v - np.clip(v, -0.75, 0.75), -0.75, 0.75))
-    first = next(one for one in readings(*driven(both)) if len(one.effects) == 2)
+def test_a_curve_of_two_laws_in_series_is_decomposed():
+    both = curve_of(lambda v: np.clip(v - np.clip(v, -0.75, 0.75), -0.75, 0.75))
+    first = next(one for one in decompositions(*driven(both)) if len(one.effects) == 2)
     zone, limit = first.effects
     assert (zone.effect.id, limit.effect.id) in {('dead_zone', 'saturation'),
                                                  ('dead_zone', 'rate_limit')}
     assert zone.named['width'] == pytest.approx(0.75, abs=0.15)
 
 
-def test_a_law_of_another_port_on_the_way_draws_it():
+def test_a_curve_may_be_a_law_of_another_port_on_the_path():
     """The two slopes of a piston, which the curve has before the lag of the valve."""
-    slopes = drawn(lambda v: v + 0.2 * np.abs(v))
-    first, *_ = readings(*driven(slopes))
+    slopes = curve_of(lambda v: v + 0.2 * np.abs(v))
+    first, *_ = decompositions(*driven(slopes))
     only, = first.effects
     assert (only.effect.id, only.port.name) == ('asymmetry', 'piston')
     assert only.named['imbalance'] == pytest.approx(0.2, abs=0.01)
 
 
-def test_what_no_law_draws_has_no_reading():
-    wave = drawn(lambda v: v + 0.7 * np.sin(np.pi * v / 0.75 + 0.5))
-    assert readings(*driven(wave)) == []
+def test_a_curve_that_no_law_fits_has_no_decomposition():
+    wave = curve_of(lambda v: v + 0.7 * np.sin(np.pi * v / 0.75 + 0.5))
+    assert decompositions(*driven(wave)) == []
 
 
-def test_a_curve_over_another_signal_has_no_reading():
+def test_a_curve_over_another_signal_has_no_decomposition():
     over = curve(at('piston', 'speed'), 'position', -0.01, 0.01, 1e-3 * np.linspace(-1, 1, KNOTS))
-    assert readings(*driven(over)) == []
+    assert decompositions(*driven(over)) == []
 
 
 @pytest.fixture(scope='module')
@@ -89,14 +89,14 @@ def bent():
 def test_a_curve_that_finds_noise_only_where_a_law_leaves_much_outweighs_it(bent):
     fit, law, parts = bent
     wrong = fit(place('bias', 'command', {'offset': 0.1}, CYLINDER))
-    assert outweighs(fit(drawn(lambda v: v + 0.2 * np.abs(v))), wrong, parts)
-    assert not outweighs(fit(drawn(lambda v: v + 0.2 * np.abs(v))), fit(law), parts)
+    assert outweighs(fit(curve_of(lambda v: v + 0.2 * np.abs(v))), wrong, parts)
+    assert not outweighs(fit(curve_of(lambda v: v + 0.2 * np.abs(v))), fit(law), parts)
 
 
 def test_what_is_smaller_than_the_error_of_both_outweighs_nothing(bent):
     """Beside a misfit that neither model explains."""
     fit, law, parts = bent
-    curved, named = fit(drawn(lambda v: v + 0.2 * np.abs(v))), fit(
+    curved, named = fit(curve_of(lambda v: v + 0.2 * np.abs(v))), fit(
         replace(law, values=(0.19,)))
     rough = [replace(part, measured=part.measured
                      + 1e-3 * np.sin(np.arange(len(part.measured)) / 20.0)) for part in parts]

@@ -1,4 +1,4 @@
-"""Names against curves: a free curve beside named effects, in their place, or read as some."""
+"""A free curve or named effects: a curve beside them, in their place, or decomposed into some."""
 from __future__ import annotations
 
 from collections.abc import Sequence
@@ -9,10 +9,10 @@ import numpy as np
 from hydro_twin.effects import Placed
 from hydro_twin.fitting.fit import Fit
 from hydro_twin.fitting.parts import Part
-from hydro_twin.fitting.port_signals import PREDICTED, predicted_by_ports
+from hydro_twin.fitting.port_signals import P_PREDICTED, predicted_by_ports
 from hydro_twin.fitting.whiteness import is_white
 from hydro_twin.inference.context import Context
-from hydro_twin.inference.criterion import CLEARLY, delta_bic
+from hydro_twin.inference.criterion import CLEAR_DELTA_BIC, delta_bic
 from hydro_twin.inference.curve import (
     explains_most,
     find_curve,
@@ -21,12 +21,12 @@ from hydro_twin.inference.curve import (
     is_better,
     outweighs,
 )
+from hydro_twin.inference.decomposition import decompositions
 from hydro_twin.inference.findings import explained_share, finding, other_findings, Selection
 from hydro_twin.inference.held_out import held_out_gain, residuals
-from hydro_twin.inference.reading import readings
 from hydro_twin.inference.search import LONG, search, search_all
 from hydro_twin.inference.select import HOPELESS
-from hydro_twin.inference.stepwise import ENOUGH
+from hydro_twin.inference.stepwise import MIN_EXPLAINED_SHARE
 from hydro_twin.inference.structure import free_curves, is_significant_dependence
 from hydro_twin.predictors.scores import rms
 from hydro_twin.result import BestNamed, Dependence
@@ -59,21 +59,21 @@ def with_curve(selection: Selection, base: Fit, context: Context
     if selection.findings and _contested(selection, parts, curves, at_first):
         instead = find_curve(base, parts, held_out, at_first, seed, HOPELESS * selection.fit.error)
         if instead and is_better(instead, base, selection.fit, at_first, held_out):
-            read = read_as_names(Selection(base), instead, base, context)
-            return (read, None, None) if read else (Selection(base), instead, selection)
+            laws = decompose_curve(Selection(base), instead, base, context)
+            return (laws, None, None) if laws else (Selection(base), instead, selection)
     found = find_curve(selection.fit, parts, held_out, curves, seed)
     if not found:
         return selection, None, None
-    read = read_as_names(selection, found, base, context)
-    if read:
-        return read, None, None
+    laws = decompose_curve(selection, found, base, context)
+    if laws:
+        return laws, None, None
     kept, found = _without_needless(selection, found, context)
     return kept, found, selection if kept is not selection else None
 
 
-def read_as_names(selection: Selection, found: FittedCurve, base: Fit, context: Context
-                  ) -> Selection | None:
-    """Read a curve: named laws in its place, if they do as well as it does.
+def decompose_curve(selection: Selection, found: FittedCurve, base: Fit, context: Context
+                    ) -> Selection | None:
+    """Put named laws in the place of a curve, if they do as well as it does.
 
     Args:
         selection: the model without the curve.
@@ -83,10 +83,11 @@ def read_as_names(selection: Selection, found: FittedCurve, base: Fit, context: 
 
     Returns:
         The model with the laws, each of which explains half of what is left without it, and
-        improves held-out data; None where the curve has no such reading, or outweighs all.
+        improves held-out data; None where there are no such laws, or the curve outweighs them all.
     """
     held_out = context.held_out
-    tried = list(search_all(readings(found.fit.candidate, context.parts), context.parts, LONG))
+    tried = list(search_all(
+        decompositions(found.fit.candidate, context.parts), context.parts, LONG))
     scores = delta_bic(tried) if tried else []
     for fit in (tried[k] for k in np.argsort(scores, kind='stable')):
         if outweighs(found.fit, fit, held_out):
@@ -94,7 +95,7 @@ def read_as_names(selection: Selection, found: FittedCurve, base: Fit, context: 
         laws = range(len(selection.fit.candidate.effects), len(fit.candidate.effects))
         bare = ([base] if len(laws) == len(fit.candidate.effects) == 1 else
                 context.without(fit, laws))
-        if all(explained_share(without, fit) > ENOUGH
+        if all(explained_share(without, fit) > MIN_EXPLAINED_SHARE
                and held_out_gain(without, fit, held_out, context.seed).low > 0.0
                for without in bare):
             return Selection(fit, (*selection.findings, *(
@@ -104,7 +105,7 @@ def read_as_names(selection: Selection, found: FittedCurve, base: Fit, context: 
 
 
 def _in_place_of(index: int, fit: Fit, tried: Sequence[Fit]) -> list[tuple[Placed, Fit]]:
-    """List the readings that have another law in the place of an effect of the best, with it."""
+    """List the laws that other decompositions have in the place of one of the best, with each."""
     ids = {placed.effect.id for placed in fit.candidate.effects}
     mine = fit.candidate.effects[index].effect.id
     rivals = []
@@ -126,9 +127,9 @@ def _contested(selection: Selection, parts: Sequence[Part], curves: Sequence[Dep
     ids = [selection.fit.candidate.effects[k].effect.id for k in selection.indices]
     if (any(is_significant_dependence(curve) for curve in curves) or len(set(ids)) < len(ids)
             or not is_white(selection.fit.by_part)
-            or predicted_by_ports(selection.fit, parts)[1] < PREDICTED):
+            or predicted_by_ports(selection.fit, parts)[1] < P_PREDICTED):
         return True
-    return any(curve.share > ENOUGH and not has_equivalent_law(
+    return any(curve.share > MIN_EXPLAINED_SHARE and not has_equivalent_law(
         (curve.port, curve.signal), selection.fit, at_first) for curve in at_first[:1])
 
 
@@ -145,7 +146,7 @@ def _without_needless(selection: Selection, found: FittedCurve, context: Context
         without, index = bare[k], selection.findings[k].index
         instead = search(found.fit.candidate.without(index), context.parts, LONG)
         with_it, without_it = delta_bic([found.fit, instead])
-        if (without_it < with_it + CLEARLY
+        if (without_it < with_it + CLEAR_DELTA_BIC
                 and not explains_most(without, selection.fit, instead)
                 and outweighs(instead, selection.fit, context.held_out)):
             helps = held_out_gain(without, instead, context.held_out, context.seed)

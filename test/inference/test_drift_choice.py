@@ -6,7 +6,7 @@ import pytest
 from traced_rig import fitted, PLANT, record, VALUES
 
 from hydro_twin.fitting.parts import Part
-from hydro_twin.inference.apart import by_recording, is_drift_preferred
+from hydro_twin.inference.drift_choice import by_recording, is_drift_preferred
 from hydro_twin.inference.search import search
 from hydro_twin.model import Model, place
 from hydro_twin.recording.series import Recording
