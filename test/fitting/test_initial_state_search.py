@@ -1,10 +1,14 @@
-"""The least squares of the search for initial states, against numpy."""
+"""The search for initial states: its least squares against numpy, and a hysteresis."""
 from __future__ import annotations
 
 import numpy as np
 import pytest
 
 from hydro_twin.fitting.initial_state_descent import regress
+from hydro_twin.fitting.output_error import initial_states
+from hydro_twin.fitting.parts import Part
+from hydro_twin.model import Model, place
+from hydro_twin.plants import plant_named
 
 
 @pytest.fixture
@@ -46,3 +50,19 @@ def test_a_run_that_diverged_moves_nothing(rng, value):
     step, squares = ridge_regression(rng.standard_normal((30, 3)), residual, 30, 1e-3)
     assert not step.any()
     assert not squares < np.inf
+
+
+@pytest.mark.parametrize('side', [0, 1])
+@pytest.mark.parametrize('width', [0.1, 0.2, 0.3])
+def test_the_side_of_a_hysteresis_is_found(rng, width, side):
+    """A step from that side may explain all: no search from there has to improve on it."""
+    plant, T, N = plant_named('cylinder'), 0.01, 300
+    model = Model(plant, {'tau': 0.05, 'K_v': 0.5}, T,
+                  (place('hysteresis', 'command', {'width': width}, plant),))
+    command = 0.2 + 0.05 * np.sin(2.0 * np.pi * T * np.arange(N))[:, None]
+    follower = model.system.memory_edges(command[:1], np.zeros((1, plant.order)))[0, :, side]
+    moved = model.system.run(command, np.zeros(plant.order), follower)
+    part = Part(command, moved + 1e-4 * rng.standard_normal(N))
+    found = initial_states(model, [part])
+    assert found.z[0] == pytest.approx(follower, abs=0.02)
+    assert found.rms[0] < 1.2e-4
