@@ -14,7 +14,14 @@ from hydro_twin.fitting.unknowns import label
 from hydro_twin.inference.criterion import CLEAR_DELTA_BIC, refinement_gain
 from hydro_twin.inference.effect_signals import effect_signals
 from hydro_twin.inference.screen import spans
-from hydro_twin.inference.search import LONG, search_all, search_all_sticking, SHORT
+from hydro_twin.inference.search import (
+    LONG,
+    search_all,
+    search_all_sticking,
+    SHORT,
+    TOLERANCE,
+    unsearched,
+)
 from hydro_twin.inference.starts import with_other
 from hydro_twin.model import Model
 
@@ -54,8 +61,22 @@ def refine(fits: Sequence[Fit], parts: Sequence[Part], index: int = -1,
     # The same form from another start may end worse than the fit that there was.
     refined = [min(form, fit, key=lambda one: one.cost) if _same_form(form, fit) else form
                for form, fit in zip(refined, fits, strict=True)]
+    refined = [form if form is fit else unrefined_if_same(form, parts, index)
+               for form, fit in zip(refined, fits, strict=True)]
     return [form if form is fit or is_distinguishable(form, parts, index) else plain
             for form, fit, plain in zip(refined, fits, simple, strict=True)]
+
+
+def unrefined_if_same(fit: Fit, parts: Sequence[Part], index: int) -> Fit:
+    """Return the simple law in place of a refinement that ended where it changes nothing.
+
+    As a time constant of 1e200 s does, with which a drift goes in a straight line.
+    """
+    if not _is_refined(fit, index):
+        return fit
+    placed = fit.candidate.effects[index]
+    plain = unsearched(with_other(fit.candidate, index, unrefined(placed)), parts)
+    return plain if plain.cost**2 < (1.0 + TOLERANCE) * fit.cost**2 else fit
 
 
 def _same_form(fit: Fit, other: Fit) -> bool:
