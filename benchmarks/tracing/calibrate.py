@@ -3,7 +3,7 @@
 python -m benchmarks.tracing.calibrate out/tracing.jsonl out/servos.jsonl out/machines.jsonl
 python -m benchmarks.tracing.calibrate out/held_out.jsonl --picture docs/img/reliability.png
 
-The first, over development rigs, gives the four shares in hydro_twin/inference/probability.py.
+The first, over development rigs, gives the shares in hydro_twin/inference/probability.py.
 """
 from __future__ import annotations
 

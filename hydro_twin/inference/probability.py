@@ -18,6 +18,7 @@ SAMPLES = 1000.0        # as many decide between two laws: 20 of BIC, of 3000 sa
 P_OTHER_LAW_CLEAN = 0.005      # ... where no test found anything in the residual
 P_OTHER_LAW_STRUCTURED = 0.05  # ... where one did
 P_OTHER_LAW_NOISY = 0.15       # ... where more is left than noise, or a free curve stands beside
+P_OTHER_LAW_FAILS = 0.25       # ... where the model fails on held-out data
 P_OTHER_LAW_MISFIT = 0.65      # ... and where much is left that cannot be noise
 # Share on which an effect showed although nothing was found, and none although something was left.
 P_MISSED = 0.15

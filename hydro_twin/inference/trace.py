@@ -73,7 +73,7 @@ def trace(recording: Recording, test: Recording | None, plant: Plant,
             another part where the output moves otherwise there than in the rest, see
             `held_out_split`. Where the model fails there, more happens than in the rest, as in a
             sweep that begins slowly; then every third series, or the second sixth of each, see
-            `second_split`, if as much is found then.
+            `second_split`, if what is found then holds, or is as much.
         plant: the plant.
         constants: of the rig, where they differ from the plant's defaults.
         model: where to start, instead of a fresh fit of the linear plant.
@@ -108,7 +108,10 @@ def evidence(recording: Recording, test: Recording | None, plant: Plant,
         return found
     parts, tested = second
     again = _search(*parts, found.plant, constants, model, seed, progress, found.after.candidate)
-    return replace(again, tested=tested) if again.additions >= found.additions else found
+    # Effects that only make up for another one on the part that was fitted are many, and fail.
+    holds = again.additions > 0 and not again.is_larger_held_out
+    return (replace(again, tested=tested) if holds or again.additions >= found.additions
+            else found)
 
 
 def _with_memory(found: Evidence, model: Model, earlier: Recording, seed: int) -> Evidence:

@@ -11,6 +11,7 @@ from hydro_twin.inference.probability import (
     coarsened_posterior,
     min_null_probability,
     P_OTHER_LAW_CLEAN,
+    P_OTHER_LAW_FAILS,
     P_OTHER_LAW_MISFIT,
     P_OTHER_LAW_NOISY,
     P_OTHER_LAW_STRUCTURED,
@@ -112,9 +113,12 @@ def _law_unknown(evidence: Evidence, explained: float, samples: int) -> float:
     if (explained * samples > MIN_CERTAIN_ENERGY and evidence.white
             and not is_structured(evidence, P_STRUCTURE)):
         return P_OTHER_LAW_CLEAN
-    if not evidence.exceeds_noise:
-        return P_OTHER_LAW_STRUCTURED if evidence.curve is None else P_OTHER_LAW_NOISY
-    return P_OTHER_LAW_MISFIT if is_residual_large(evidence, explained) else P_OTHER_LAW_NOISY
+    if evidence.exceeds_noise and is_residual_large(evidence, explained):
+        return P_OTHER_LAW_MISFIT
+    if evidence.is_larger_held_out:
+        return P_OTHER_LAW_FAILS
+    return (P_OTHER_LAW_NOISY if evidence.exceeds_noise or evidence.curve is not None else
+            P_OTHER_LAW_STRUCTURED)
 
 
 def _alike(plant: Plant, winner: str, ports: tuple[str, ...], reach: Mapping[Port, Span]

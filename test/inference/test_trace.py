@@ -1,5 +1,5 @@
 """Tracing from end to end: what it names, what it does not, and what must not change that."""
-from dataclasses import replace
+from dataclasses import dataclass, field, replace
 import importlib
 import json
 import math
@@ -26,7 +26,7 @@ from hydro_twin.recording.series import Recording, Series, split
 from hydro_twin.recording.signals import load_signals
 from hydro_twin.recording.write import write_recording
 from hydro_twin.report.summary import summarise
-from hydro_twin.result import SERIES
+from hydro_twin.result import SERIES, THIRD
 from hydro_twin.simulation.simulate import simulate
 
 FRICTION = ('friction', 'motor', {'coulomb': 6.0})
@@ -469,3 +469,31 @@ def test_a_file_is_no_folder(tmp_path, capsys):
     assert status == 2
     assert 'is a file' in err
     assert (tmp_path / 'out').read_text() == 'mine'
+
+
+@dataclass(frozen=True)
+class Searched:
+    """What a search found, as far as the choice between two test parts asks."""
+
+    additions: int
+    is_larger_held_out: bool
+    tested: str = ''
+    plant: object = PLANT
+    after: object = field(default_factory=lambda: SimpleNamespace(candidate=None))
+
+
+@pytest.mark.parametrize(('again', 'is_second'), [
+    (Searched(1, False), True),         # one effect that holds
+    (Searched(1, True), False),
+    (Searched(2, True), True),
+    (Searched(0, False), False),        # nothing may hold where nothing moves
+])
+def test_of_two_test_parts_the_one_counts_on_which_the_model_holds(
+        monkeypatch, again, is_second):
+    """Against two effects that fail on the first third, as many that fail or one that does not."""
+    searches = iter([Searched(2, True), again])
+    module = importlib.import_module('hydro_twin.inference.trace')
+    monkeypatch.setattr(module, '_search', lambda *_: next(searches))
+    found = evidence(record(count=3), None, PLANT)
+    assert (found.tested != THIRD) == is_second
+    assert found.additions == (again.additions if is_second else 2)
