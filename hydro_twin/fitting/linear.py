@@ -101,7 +101,7 @@ def refuse_reversed(fit: Fit, parts: Sequence[Part]) -> None:
         DataError: the fit explains little, and that to the reversed command much more.
     """
     model, plant = fit.candidate, fit.candidate.plant
-    if fit.error**2 < LITTLE * movement(parts)**2:
+    if fit.error**2 < LITTLE * movement([part.measured for part in parts])**2:
         return
     command = plant.inputs[0].name
     sign = np.array([-1.0, *[1.0] * (len(plant.inputs) - 1)])

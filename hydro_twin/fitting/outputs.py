@@ -19,7 +19,7 @@ import numpy as np
 
 from hydro_twin.arrays import FloatArray, IntArray
 from hydro_twin.fitting.autoregression import filtered
-from hydro_twin.fitting.parts import edges_of, Part, SCORED
+from hydro_twin.fitting.parts import edges_of, movement, Part, SCORED
 from hydro_twin.plants import Plant
 from hydro_twin.predictors.analytical import Analytical
 from hydro_twin.predictors.scores import Errors, rms, sensor_errors
@@ -175,8 +175,8 @@ class Pieces:
                    for output, count in enumerate(stack.counts) if count]
         lengths, outputs = zip(*counted, strict=True)
         return cls(lengths, outputs, np.array([
-            _movement(every) for every in zip(*(stack.measured for stack in stacks),
-                                              strict=True)]))
+            movement(every) for every in zip(*(stack.measured for stack in stacks),
+                                             strict=True)]))
 
     def spreads(self, residual: FloatArray, scales: FloatArray) -> FloatArray:
         """Return the RMS residual of each output, in its own unit, (1 + K,)."""
@@ -193,9 +193,3 @@ class Pieces:
         c = np.exp(float(counts @ relative) / counts.sum())
         found: FloatArray = c / sigma
         return found
-
-
-def _movement(pieces: Sequence[FloatArray]) -> float:
-    """RMS of what is measured about the mean of each piece."""
-    left = [piece[np.isfinite(piece)] for piece in pieces]
-    return max(rms(np.concatenate([piece - piece.mean() for piece in left if len(piece)])), 1e-300)

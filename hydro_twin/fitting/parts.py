@@ -115,9 +115,11 @@ def parts_of(recording: Recording, plant: Plant) -> list[Part]:
     return parts
 
 
-def movement(parts: Sequence[Part]) -> float:
-    """RMS of the output about the mean of each part."""
-    return rms(np.concatenate([part.measured - part.measured.mean() for part in parts]))
+def movement(pieces: Sequence[FloatArray]) -> float:
+    """RMS of what is measured, nan where it is not, about the mean of each piece; never zero."""
+    there = [piece[np.isfinite(piece)] for piece in pieces]
+    return max(rms(np.concatenate([piece - piece.mean() for piece in there if len(piece)])),
+               1e-300)
 
 
 def edges_of(lengths: Iterable[int]) -> IntArray:

@@ -104,7 +104,7 @@ def shorter_horizon(base: Fit, parts: Sequence[Part], times: tuple[float, float]
 
 def _follows(fit: Fit, parts: Sequence[Part]) -> bool:
     """Whether the error of runs is small against the movement within the windows."""
-    return fit.error < FOLLOWS * movement(parts)
+    return fit.error < FOLLOWS * movement([part.measured for part in parts])
 
 
 def with_rivals_of_short_windows(selection: Selection, context: Context) -> Selection:

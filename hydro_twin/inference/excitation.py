@@ -117,7 +117,7 @@ def excitation(recording: Recording, model: Model) -> Excitation:
     # As it would be with nothing left but noise: what there is to be traced must not count.
     fit = replace(fit, residual=noise * np.random.default_rng(0).standard_normal(
         len(fit.residual)))
-    size = max(movement(parts), 10.0 * noise)
+    size = max(movement([part.measured for part in parts]), 10.0 * noise)
     known = fit.identifiability().std_error
     errors = {u.name: known[u.name] for u in fit.unknowns if u.owner == ''}
     effects = detectable(fit, parts, spans(model, parts))

@@ -143,8 +143,10 @@ def _by_likelihood(base: Fit, selection: Selection, context: Context) -> Explana
                      Explanation(base, named or again, None, None))
     # Innovations may be explained at the cost of the run, where no laws are exactly right.
     helps = held_out_gain(selection.fit, explained.fit, context.held_out, context.seed)
-    if helps.low > 0.0 or not helps.relative > 0.0:
-        return explained if helps.low > 0.0 else None
+    if helps.low > 0.0:
+        return explained
+    if not helps.relative > 0.0:
+        return None
     first = search(selection.fit.candidate, white.parts, LONG)
     helps = held_out_gain(first, last, white.held_out, context.seed)
     return explained if helps.low > 0.0 else None
