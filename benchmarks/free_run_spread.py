@@ -15,8 +15,7 @@ import numpy as np
 
 import hydro_twin as ht
 from hydro_twin.errors import UserError
-from hydro_twin.fitting.unknowns import get, put
-from hydro_twin.inference.search import searched
+from hydro_twin.fitting.unknowns import get, put, unknowns_of
 from hydro_twin.model import Model
 from hydro_twin.predictors.scores import errors_in
 from hydro_twin.progress import progress
@@ -39,7 +38,7 @@ def main() -> None:
     assert test is not None
     traced = ht.trace(data, show=progress).result
     model, factor = traced.after, traced.factor
-    by_name = {(unknown.name, unknown.owner): unknown for unknown in searched(model)}
+    by_name = {(unknown.name, unknown.owner): unknown for unknown in unknowns_of(model)}
     unknowns = [by_name[name, '' if index is None else str(index)]
                 for name, index in factor.names]
     fitted = np.array([get(model, unknown) for unknown in unknowns])

@@ -145,3 +145,20 @@ def timing_unknowns(candidate: Model) -> list[Unknown]:
     latest = 0.0 if candidate.interpolation == HOLD else 0.5 * T
     return [Unknown(signal.name, 'timing', latest - T, latest, False, T)
             for signal in candidate.plant.inputs if signal.held]
+
+
+def unknowns_of(candidate: Model) -> list[Unknown]:
+    """List all unknowns of a candidate: physical parameters, timing and effects.
+
+    A delay takes the place of the timing. Effects beside which a free curve was added are held,
+    since the curve can imitate them.
+    """
+    plant = candidate.plant
+    delayed = any(placed.effect.shifts for placed in candidate.effects)
+    unknowns = plant_unknowns(plant, 'physical', candidate.sample_time)
+    unknowns += [] if delayed else timing_unknowns(candidate)
+    held = max((k for k, placed in enumerate(candidate.effects) if not placed.effect.explains),
+               default=0)
+    for index, placed in enumerate(candidate.effects[held:], held):
+        unknowns += effect_unknowns(index, placed)
+    return unknowns

@@ -139,7 +139,8 @@ def _by_likelihood(base: Fit, selection: Selection, context: Context) -> Explana
         found = replace(found, fit=as_measured(found.fit, parts))
         named = replaced and _as_measured(replaced, parts)
         helps = held_out_gain((named or again).fit, found.fit, context.held_out, context.seed)
-        explained = (Explanation(base, again, found, named) if helps.relative > 0.0 else
+        explained = (Explanation(base, again, replace(found, gain=helps), named)
+                     if helps.relative > 0.0 else
                      Explanation(base, named or again, None, None))
     # Innovations may be explained at the cost of the run, where no laws are exactly right.
     helps = held_out_gain(selection.fit, explained.fit, context.held_out, context.seed)

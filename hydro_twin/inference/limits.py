@@ -3,6 +3,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
+import math
 
 import numpy as np
 
@@ -10,13 +11,13 @@ from hydro_twin.fitting.fit import Fit
 from hydro_twin.fitting.output_error import free_run
 from hydro_twin.fitting.parts import Part
 from hydro_twin.fitting.unknowns import label, put, Unknown
-from hydro_twin.predictors.scores import rms
-
-UNREACHED = 1e-3        # change of the run, as a share of the residual, that no data can show
 
 
 def without_unreached(fit: Fit, parts: Sequence[Part]) -> Fit:
-    """Take out of a fit each limit without which the runs are the same.
+    """Take out of a fit each limit without which the runs are no worse by the BIC.
+
+    A limit at the highest peak of a recording cuts off no more than its noise; another recording
+    may go beyond it.
 
     Args:
         fit: a model with effects.
@@ -31,8 +32,9 @@ def without_unreached(fit: Fit, parts: Sequence[Part]) -> Fit:
                 continue
             limit = Unknown(p.name, str(index), p.lower, p.upper, p.log)
             freed = put(fit.candidate, [limit], [p.unreached])
-            changes = [free_run(freed, part) - free_run(fit.candidate, part) for part in parts]
-            if rms(np.concatenate(changes)) <= UNREACHED * fit.error:
+            now, then = (np.concatenate([part.measured - free_run(model, part) for part in parts])
+                         for model in (fit.candidate, freed))
+            if then @ then - now @ now < math.log(len(now)) * fit.error**2:
                 kept = [label(unknown) != label(limit) for unknown in fit.unknowns]
                 fit = replace(
                     fit, candidate=freed, jacobian=fit.jacobian[:, kept],

@@ -8,12 +8,7 @@ from hydro_twin.fitting.fit import Fit
 from hydro_twin.fitting.homotopy import search_by_homotopy
 from hydro_twin.fitting.parts import Part
 from hydro_twin.fitting.problem import Problem, solve_all
-from hydro_twin.fitting.unknowns import (
-    effect_unknowns,
-    plant_unknowns,
-    timing_unknowns,
-    Unknown,
-)
+from hydro_twin.fitting.unknowns import unknowns_of
 from hydro_twin.fitting.whiteness import is_white
 from hydro_twin.model import Model
 from hydro_twin.parallel import in_processes
@@ -24,10 +19,7 @@ TOLERANCE = 1e-5        # relative reduction of the sum of squares that ends one
 
 
 def search(candidate: Model, parts: Sequence[Part], evaluations: int) -> Fit:
-    """Fit all physical parameters, timing and effects of a candidate from its present values.
-
-    Effects beside which a free curve was added are held, since the curve can imitate them.
-    """
+    """Fit all unknowns of a candidate from their present values, see `unknowns_of`."""
     return next(search_all([candidate], parts, evaluations))
 
 
@@ -70,17 +62,4 @@ def unsearched(candidate: Model, parts: Sequence[Part]) -> Fit:
 
 def problems_of(candidates: Sequence[Model], parts: Sequence[Part]) -> list[Problem]:
     """Set up the fit of each candidate."""
-    return [Problem(candidate, searched(candidate), parts) for candidate in candidates]
-
-
-def searched(candidate: Model) -> list[Unknown]:
-    """List the unknowns of a candidate, see `search`."""
-    plant = candidate.plant
-    delayed = any(placed.effect.shifts for placed in candidate.effects)
-    unknowns = plant_unknowns(plant, 'physical', candidate.sample_time)
-    unknowns += [] if delayed else timing_unknowns(candidate)
-    held = max((k for k, placed in enumerate(candidate.effects) if not placed.effect.explains),
-               default=0)
-    for index, placed in enumerate(candidate.effects[held:], held):
-        unknowns += effect_unknowns(index, placed)
-    return unknowns
+    return [Problem(candidate, unknowns_of(candidate), parts) for candidate in candidates]

@@ -314,15 +314,30 @@ def _fitted_to_all(before: Fit, base: Fit, linear: Model | None, explained: Expl
 def _confirmed(before: Fit, base: Fit, selection: Selection, found: FittedCurve | None,
                test: Recording, seed: int
                ) -> tuple[Selection, FittedCurve | None, Improvement, bool]:
-    """Keep what improves the reported figure, too; returns also how much, see `_gain`."""
+    """Keep what improves the reported figure, too, and surely beats a constant.
+
+    Returns also how much it improves it, see `_gain`.
+    """
     gain, by_horizon = _gain(before, selection.fit if found is None else found.fit, test, seed)
     if found and not gain.low > 0.0:
         found = None
         gain, by_horizon = _gain(before, selection.fit, test, seed)
-    if selection.findings and not gain.low > 0.0:
-        selection = Selection(base)
+    if selection.findings and not (gain.low > 0.0 and (
+            by_horizon or _beats_constant((found or selection).fit, test, seed))):
+        selection, found = Selection(base), None
         gain, by_horizon = _gain(before, base, test, seed)
     return selection, found, gain, by_horizon
+
+
+def _beats_constant(fit: Fit, test: Recording, seed: int) -> bool:
+    """Whether a free run is surely better on held-out data than the mean of each series.
+
+    An offset improves a model that cannot follow at all, and explains nothing.
+    """
+    left = errors_by_series(Analytical(fit.candidate), test.series, 'free_run')
+    output = fit.candidate.plant.output.name
+    measured = [one[output][-len(error):] for one, error in zip(test.series, left, strict=True)]
+    return improvement([one - one.mean() for one in measured], left, seed).low > 0.0
 
 
 def _times(parts: Sequence[Part], sample_time: float) -> tuple[float, float]:
@@ -356,11 +371,15 @@ def _gain(before: Fit, after: Fit, test: Recording, seed: int) -> tuple[Improvem
 
 
 def _on_all(found: FittedCurve, after: Fit, data: _Data, seed: int) -> FittedCurve | None:
-    """Fit a curve to all samples; None if it does not help on the held-out ones."""
+    """Fit a curve to all samples; None if it does not help on the held-out ones.
+
+    Judged by the likelihood, where the noise is coloured; what is reported is of the run itself.
+    """
     fit = _as_recorded(found.fit, data.sample_time, data.fine)
-    white = whitened(data.held_out, after) if after.whitened else data.held_out
-    helps = held_out_gain(after, fit, white, seed)
-    return replace(found, fit=fit, gain=helps) if helps.low > 0.0 else None
+    helps = held_out_gain(after, fit, data.held_out, seed)
+    judged = (held_out_gain(after, fit, whitened(data.held_out, after), seed) if after.whitened
+              else helps)
+    return replace(found, fit=fit, gain=helps) if judged.low > 0.0 else None
 
 
 def _as_recorded(fit: Fit, sample_time: float, parts: Sequence[Part]) -> Fit:

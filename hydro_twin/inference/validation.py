@@ -17,6 +17,7 @@ from hydro_twin.inference.held_out import (
     residuals,
     surer_improvement,
 )
+from hydro_twin.inference.limits import without_unreached
 from hydro_twin.inference.search import LONG, search_all
 from hydro_twin.inference.starts import with_other
 from hydro_twin.inference.stepwise import (
@@ -85,7 +86,8 @@ def _without_unproven(selection: Selection, without: Fit, context: Context,
     One that does not, see `_on_held_out`, is replaced by a close rival on the training data, if
     that improves held-out data. If without it another effect degenerates to a simpler law, as a
     hysteresis that is never crossed and so is a constant of each window, the other is dropped, if
-    it fails, too; else both stay.
+    it fails, too; else both stay. A limit that the training data never reach is taken off first:
+    held-out data may go beyond it.
 
     Forward selection then continues from the remaining effects: beside a spurious effect, as a
     drift in a series of ever larger steps, the right one may not have been found.
@@ -98,6 +100,7 @@ def _without_unproven(selection: Selection, without: Fit, context: Context,
     """
     if not selection.findings:
         return selection
+    selection = replace(selection, fit=without_unreached(selection.fit, context.parts))
     context.progress('testing each effect on held-out data')
     bare = context.without(selection.fit, selection.indices)
     if len(bare) == 1:
@@ -231,4 +234,4 @@ def _close_rivals(selection: Selection, k: int, context: Context
     close = [rival for rival in found.rivals if rival[1] < AMBIGUOUS_DELTA_BIC]
     fits = search_all([with_other(candidate, found.index, placed) for placed, _ in close],
                       context.parts, LONG)
-    return zip(close, fits, strict=True)
+    return zip(close, (without_unreached(fit, context.parts) for fit in fits), strict=True)

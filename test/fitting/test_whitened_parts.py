@@ -17,8 +17,7 @@ from hydro_twin.fitting.output_error import (
 )
 from hydro_twin.fitting.parts import Part
 from hydro_twin.fitting.problem import Problem
-from hydro_twin.fitting.unknowns import plant_unknowns
-from hydro_twin.inference.search import searched
+from hydro_twin.fitting.unknowns import plant_unknowns, unknowns_of
 from hydro_twin.model import Model, place
 from hydro_twin.plants import plant_named
 
@@ -86,8 +85,8 @@ def test_commands_between_two_samples_make_a_random_walk_that_hides_a_lag(seed):
     parts = [sampled_valve.recorded(seed)]
     zone = place('dead_zone', 'command', {'width': 0.8, 'centre': -0.3}, PLANT)
     model = replace(MODEL, sample_time=sampled_valve.SAMPLE_TIME, effects=(zone,))
-    plain = Problem(model, searched(model), parts).solve()
-    white = Problem(model, searched(model), whitened(parts, plain)).solve().candidate
+    plain = Problem(model, unknowns_of(model), parts).solve()
+    white = Problem(model, unknowns_of(model), whitened(parts, plain)).solve().candidate
     assert is_coloured(plain)
     assert abs(plain.candidate.values['tau'] / sampled_valve.LAG - 1.0) > 0.3
     assert white.values == pytest.approx({

@@ -10,12 +10,13 @@ import pytest
 from traced_rig import fitted, PLANT, record
 
 from hydro_twin.fitting.output_error import residuals
+from hydro_twin.fitting.unknowns import unknowns_of
 from hydro_twin.inference.context import Context
 from hydro_twin.inference.criterion import whitened_gain
 from hydro_twin.inference.findings import explained_share, Finding, Selection
 from hydro_twin.inference.noise import cannot_be_noise, noise_floor
 from hydro_twin.inference.refinement import is_distinguishable
-from hydro_twin.inference.search import search, searched
+from hydro_twin.inference.search import search
 from hydro_twin.inference.select import Alternative
 from hydro_twin.inference.stepwise import (
     exchange,
@@ -181,7 +182,7 @@ def test_an_exchange_ends_where_two_laws_seem_better_in_turns(grown, monkeypatch
     turns = []
 
     def made(candidate, residual):
-        return replace(alone, candidate=candidate, unknowns=tuple(searched(candidate)),
+        return replace(alone, candidate=candidate, unknowns=tuple(unknowns_of(candidate)),
                        residual=residual)
 
     def better(_, without, *__):
@@ -248,6 +249,23 @@ def test_an_effect_that_another_replaces_as_a_simpler_law_stays(grown, monkeypat
     assert names(_without_unproven(selection, alone, context)) == ['bias']
 
 
+def test_a_limit_that_only_held_out_data_would_reach_is_taken_off():
+    """The other end, put where the training data end, would refute the effect."""
+    limits = {'lower': -1e9, 'upper': 0.1}
+    alone, parts, _ = fitted(record(('saturation', 'command', limits), amplitude=0.05))
+    _, _, beyond = fitted(record(('saturation', 'command', limits), amplitude=0.1, seed=1))
+    limits['lower'] = min(part.inputs[:, 0].min() for part in parts)
+    assert min(part.inputs[:, 0].min() for part in beyond) < 1.5 * limits['lower']
+    fit = search(replace(alone.candidate, effects=(
+        place('saturation', 'command', limits, PLANT),)), parts, 40)
+    assert fit.candidate.effects[0].named['lower'] > -1.0
+    kept = _without_unproven(Selection(fit, (Finding(0, 0.0, 0.5, ()),)), alone,
+                             Context(parts, beyond, (0.0, 1.0), 0, lambda _: None))
+    (placed,) = kept.fit.candidate.effects
+    assert placed.named['lower'] == -1e9
+    assert placed.named['upper'] == pytest.approx(0.1, rel=0.02)
+
+
 def only_beside_a_bias(fit, _, index):
     """Say that the recording distinguishes a hysteresis only beside a bias."""
     return names(Selection(fit)) != ['hysteresis'] or index != 0
@@ -271,7 +289,8 @@ def test_what_another_makes_up_for_only_as_a_simpler_law_is_not_needless(
 
     def as_good(_, fit, indices):
         candidates = [fit.candidate.without(k) for k in indices]
-        return [replace(fit, candidate=one, unknowns=tuple(searched(one))) for one in candidates]
+        return [replace(fit, candidate=one, unknowns=tuple(unknowns_of(one)))
+                for one in candidates]
 
     monkeypatch.setattr(Context, 'without', as_good)
     monkeypatch.setattr(Context, 'fit_alternatives', lambda *_: [])
