@@ -157,6 +157,7 @@ def put(*keys, value):
     (put('parameters', 'Q', value={'value': 1.0}), 'no parameter Q'),
     (put('parameters', 'J', 'value', value=-1.0), 'outside its physical range'),
     (put('parameters', 'J', 'value', value='heavy'), "J: 'heavy' is not a number"),
+    (put('parameters', 'J', 'value', value='3.1e2'), 'not a number to YAML; write 3.100000e+02'),
     (put('parameters', 'J', 'value', value=float('nan')), 'J: nan is not a number'),
     (put('parameters', 'J', 'value', value=True), 'J: True is not a number'),
     (put('parameters', 'J', 'unit', value='g m^2'), 'J: its unit must be kg m^2, not g m^2'),
@@ -252,6 +253,13 @@ def test_refinements_left_out_are_neutral():
     placed = place('friction', 'motor', {'coulomb': 5.0}, PLANT)
     assert placed.named == {'coulomb': 5.0, 'stribeck': 0.0, 'stribeck_velocity': 1.0,
                             'bristle_stiffness': math.inf, 'creep_velocity': 0.0}
+
+
+@pytest.mark.parametrize('limits', [{'upper': 2e-5}, {'lower': -math.inf, 'upper': 2e-5}])
+def test_a_limit_left_out_or_infinite_is_none(limits):
+    assert place('saturation', 'spool', limits, PLANT).named['lower'] == -1e9
+    with pytest.raises(ModelError, match='lower = inf is outside'):
+        place('saturation', 'spool', {**limits, 'lower': math.inf}, PLANT)
 
 
 def test_shipped_configuration_is_not_a_model():

@@ -113,7 +113,7 @@ def _check_readable(series: Sequence[StampedSeries]) -> None:
     steps = [np.diff(s.stamps) for s in series]
     limit = MAX_GAP * np.median(np.concatenate(steps))
     for one, pauses in zip(series, steps, strict=True):
-        if len(pauses) and np.median(pauses) > limit:
+        if len(one) >= MIN_SAMPLES and np.median(pauses) > limit:
             raise BagError(f'{one.source} has a sample every {np.median(pauses) * 1e-9:.4g} s, '
                            'where most come so much faster that these would count as gaps: '
                            'import it to a bag of its own')

@@ -267,7 +267,19 @@ def _quantity(name: str, given: Mapping[str, Any], unit: str | None, finite: boo
 def _number(name: str, value: object, finite: bool = True) -> float:
     """Take a number, finite or not."""
     if isinstance(value, bool) or not isinstance(value, int | float) or math.isnan(value):
-        raise ModelError(f'{name}: {value!r} is not a number')
+        raise ModelError(f'{name}: {value!r} is not a number{_as_yaml(value)}')
     if finite and math.isinf(value):
         raise ModelError(f'{name}: must be finite')
     return float(value)
+
+
+def _as_yaml(value: object) -> str:
+    """Say how to write a number that YAML 1.1 takes for text, as 1e5 and 1.1e5; '' if it is none.
+
+    They are not taken as they are: a commit may look like that, too.
+    """
+    try:
+        number = float(value) if isinstance(value, str) else math.nan
+    except ValueError:
+        number = math.nan
+    return '' if math.isnan(number) else f' to YAML; write {number:e}'

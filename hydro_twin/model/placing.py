@@ -2,6 +2,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+import math
 
 from hydro_twin.effects import Effect, EFFECTS, Placed, sites
 from hydro_twin.effects.curve import of_kind
@@ -28,6 +29,8 @@ def effect_at(identifier: str, port_name: str, plant: Plant) -> tuple[Effect, Po
 def place(identifier: str, port_name: str, parameters: Mapping[str, float],
           plant: Plant) -> Placed:
     """Put an effect with these parameters on a port; refinements left out are neutral.
+
+    So are limits left out; an infinite one is none either.
 
     Raises:
         ModelError: no such effect there, or a parameter missing, unknown or out of range.
@@ -64,6 +67,8 @@ def filled(effect: Effect, port: Port, parameters: Mapping[str, float]) -> Place
         value = parameters.get(p.name, neutral)
         if value is None:
             raise ModelError(f'effect {identifier}: parameter {p.name} is missing')
+        if p.unreached is not None and value == math.copysign(math.inf, p.unreached):
+            value = p.unreached
         if not p.lower <= value <= p.upper:
             raise ModelError(f'effect {identifier}: {p.name} = {value:g} is outside '
                              f'{p.lower:g} to {p.upper:g}')

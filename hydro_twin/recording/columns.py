@@ -177,13 +177,13 @@ def _real(path: Path, name: str, array: np.ndarray) -> FloatArray:
 
 def _read_mat(path: Path, wanted: set[str]) -> dict[str, FloatArray]:
     """Read variables of a MAT file."""
-    from scipy.io import loadmat, whosmat
+    from scipy.io import loadmat
 
     try:
-        _check_names(path, wanted, [name for name, _, _ in whosmat(path)])
-        content = loadmat(path, variable_names=list(wanted))
+        content = loadmat(path)     # all: beside an object of MATLAB's it cannot list names
     except NotImplementedError:
         raise BagError(f"{path} is a MAT file of version 7.3: save it with '-v7'") from None
+    _check_names(path, wanted, [name for name in content if not name.startswith('__')])
     return {name: _real(path, name, content[name]) for name in wanted}
 
 

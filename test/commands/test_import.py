@@ -256,3 +256,17 @@ def test_other_measured_sets(tmp_path, name, table, plant, rate, count, columns)
     assert len(series) == len(content) == count
     for signal, (column, scale) in columns.items():
         np.testing.assert_allclose(series[signal], scale * content[column], rtol=1e-14)
+
+
+def test_rows_between_gaps_do_not_make_a_table_slow(tmp_path):
+    """Two rows 50.2 ms apart: no gap by the median of all rows, but by that of those kept."""
+    pauses = np.r_[[9.9] * 104, [10.1] * 100, [1000.0, 50.2] * 4]
+    (tmp_path / 'a.csv').write_text('t,u,x\n' + ''.join(
+        f'{t!r},{k},{float(np.sin(t))!r}\n'
+        for k, t in enumerate(np.cumsum(np.r_[0.0, pauses]).round(1).tolist())))
+    command = ['import', str(tmp_path / 'a.csv'), '-o', str(tmp_path / 'bag')]
+    map_ = ['--map', str(tmp_path / 'map.yaml')]
+    unsteady_map(tmp_path)
+    text = (tmp_path / 'map.yaml').read_text()
+    (tmp_path / 'map.yaml').write_text(text.replace('time: t', 'time: {column: t, unit: ms}'))
+    assert main([*command, *map_]) == 0
