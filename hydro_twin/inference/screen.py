@@ -168,12 +168,20 @@ def undetectable(fit: Fit, parts: Sequence[Part]) -> list[Undetectable]:
     found = []
     for effect, port, shown in detectable(fit, parts, reach):
         if not shown or effect.beyond_reach:
-            unit = '' if port.unit == '1' else f' {port.unit}'
-            says = effect.excitation if not shown else (
-                f'the {port.name} reached {reach[port].value:.3g}{unit}; '
-                f'a limit beyond that cannot show')
-            found.append(Undetectable(effect.id, port.name, says))
+            found.append(Undetectable(effect.id, port.name, _beyond(effect, port, reach[port])
+                                      if shown else effect.excitation))
     return found
+
+
+def _beyond(effect: Effect, port: Port, span: Span) -> str:
+    """Say which values a limit was not beyond, by what it limits."""
+    limited = effect.parameters[0].unit
+    if limited in span.signal_ranges:
+        low, high = span.signal_ranges[limited]
+        unit, went = port.signals[limited], f'{limited} went from {low:.3g} to {high:.3g}'
+    else:
+        unit, went = port.unit, f'{port.name} reached {span.value:.3g}'
+    return f'the {went}{"" if unit == "1" else f" {unit}"}; a limit beyond that cannot show'
 
 
 def detectable(fit: Fit, parts: Sequence[Part], reach: Mapping[Port, Span]

@@ -168,9 +168,9 @@ def remainder_sentence(result: TraceResult) -> str:
     parts = [*_lines(left), *_dependence(left), *_bursts(left)]
     if left.drifts:
         parts.append('a parameter drifts over the recording')
-    if left.larger_held_out:
-        times = left.held_out_error / max(left.error, 1e-300)
-        parts.append(f'on data that was not fitted the error is {times:.1f} times as large: '
+    if left.held_out_ratio is not None:
+        parts.append(f'on data that was not fitted the error is {left.held_out_ratio:.1f} times '
+                     'as large: '
                      'something happens there that does not in the data that was')
     ratio = left.error / max(result.noise, 1e-300)
     how_much = f'{ratio:.0f}' if ratio < COUNTED else f'more than {COUNTED:.0f}'

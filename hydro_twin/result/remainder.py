@@ -56,7 +56,8 @@ class Remainder:
         drifts: whether the parameters drift over the recording.
         by_ports: (share, p-value) of what the port signals predict of it, in any way.
         loud: whether it is larger than noise can be.
-        larger_held_out: whether it is larger on held-out data than by chance.
+        held_out_ratio: how many times as large it is on held-out data, where that is no chance;
+            of the innovations, where the residual was fitted as coloured noise. None: by chance.
         structured: whether any test finds structure in it.
     """
 
@@ -69,5 +70,5 @@ class Remainder:
     drifts: bool
     by_ports: tuple[float, float]
     loud: bool
-    larger_held_out: bool
+    held_out_ratio: float | None
     structured: bool
