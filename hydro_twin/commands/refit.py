@@ -42,8 +42,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
                         help='the error to minimise (default: free_run for an analytical '
                         'model by least_squares, else one_step)')
     parser.add_argument('--model', type=Path, metavar='MODEL',
-                        help='for a hybrid: the analytical model that it is based on, with '
-                        'its effects, instead of a new fit')
+                        help='an analytical model that is fitted anew, with its effects; for '
+                        'a hybrid: the one that it is based on, as it is')
     parser.add_argument('--fix', action='append', default=[], type=assignment,
                         metavar='NAME=VALUE', help='hold a parameter at a known value, as '
                         'k_1=1.093, and fit the others; may be repeated')
@@ -145,6 +145,12 @@ def show(result: dict[str, Any], console: Console) -> None:
                 'not identifiable' if not p['identifiable'] else
                 'biased' if BIASED in result['notes'] else 'unknown')
             table.add_row(name, f'{p["value"]:.5g}', error, p['unit'])
+        for effect in result['effects']:
+            for name, p in effect['parameters'].items():
+                error = 'held' if p['held'] else (
+                    'not identifiable' if p['std_error'] is None else f'{p["std_error"]:.2g}')
+                table.add_row(f'{effect["id"]}@{effect["port"]}: {name}', f'{p["value"]:.5g}',
+                              error, p['unit'])
         console.print(table)
     for name, error in result['combinations'].items():
         if error is not None:

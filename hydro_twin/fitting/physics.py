@@ -8,7 +8,8 @@ from hydro_twin.effects import Placed
 from hydro_twin.errors import UserError
 from hydro_twin.fitting.coefficients import coefficients_of
 from hydro_twin.fitting.coloured import with_coloured_noise
-from hydro_twin.fitting.horizon import moving_windows
+from hydro_twin.fitting.fit import Fit
+from hydro_twin.fitting.horizon import horizon_windows, moving_windows
 from hydro_twin.fitting.identifiability import assess, Identifiability
 from hydro_twin.fitting.linear import beyond_the_box, fit_linear, refuse_reversed
 from hydro_twin.fitting.one_step import (
@@ -20,10 +21,12 @@ from hydro_twin.fitting.one_step import (
     sensitivities,
 )
 from hydro_twin.fitting.outputs import sensors_in
-from hydro_twin.fitting.parts import parts_of
+from hydro_twin.fitting.parts import parts_of, with_travel
+from hydro_twin.fitting.problem import Problem
 from hydro_twin.fitting.regression import Regression, regression
+from hydro_twin.fitting.unknowns import unknowns_of
 from hydro_twin.fitting.whiteness import is_white
-from hydro_twin.model import Uncertainty
+from hydro_twin.model import Model, Record, Uncertainty
 from hydro_twin.plants import Plant
 from hydro_twin.plants.plant import Parameter
 from hydro_twin.plugins import plugin_named, plugin_names
@@ -147,6 +150,23 @@ def fit_free_run(task: Task) -> Physics:
     notes = [COLOURED] if fit.whitened else []
     notes += [STANDING.format(left_out)] if left_out else []
     return replace(found, notes=(*found.notes, *notes))
+
+
+def fit_anew(model: Model, train: Recording) -> Fit:
+    """Fit the output error of an analytical model with its effects, from its present values.
+
+    All parameters, timing and effects are fitted; none is added or taken off.
+
+    Raises:
+        DataError: the samples do not allow it.
+    """
+    start = replace(model.at(train.sample_time), noise=None, record=Record())
+    (parts,) = with_travel(parts_of(train, start.plant))
+    plant = start.plant.seen_by(sensors_in(parts, start.plant, start.start_up))
+    if plant.integrates:
+        parts = horizon_windows(parts, plant, train.sample_time)
+    start = replace(start, plant=plant)
+    return with_coloured_noise(Problem(start, unknowns_of(start), parts).solve(), parts)
 
 
 def fit_one_step(task: Task, search: Search) -> Physics:

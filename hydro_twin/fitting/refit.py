@@ -11,13 +11,21 @@ from hydro_twin.blas import one_thread
 from hydro_twin.effects import Placed
 from hydro_twin.errors import DataError, UserError
 from hydro_twin.files import write_whole
+from hydro_twin.fitting.estimates import fitted_model
 from hydro_twin.fitting.horizon import horizon_errors
 from hydro_twin.fitting.identifiability import Identifiability
 from hydro_twin.fitting.network import check_device, Job, make_problem, Problem, train_batch
 from hydro_twin.fitting.network_search import DECAYS, search, STRUCTURES
 from hydro_twin.fitting.noise import estimate_noise
 from hydro_twin.fitting.outputs import sensor_rms
-from hydro_twin.fitting.physics import fit_physics, method_named, Physics, Task
+from hydro_twin.fitting.physics import (
+    COLOURED,
+    fit_anew,
+    fit_physics,
+    method_named,
+    Physics,
+    Task,
+)
 from hydro_twin.fitting.regression import factored, regression
 from hydro_twin.model import Model, Record, write_model
 from hydro_twin.plants import Plant
@@ -44,7 +52,8 @@ class Request:
             analytical model by least squares, else one_step.
         held: parameters taken as known, by name, in SI units.
         effects: known ones, which the model is to have.
-        base: an analytical model that stands for the fit of the physics.
+        base: an analytical model, with its effects, that is fitted anew; or on which the weights
+            of a hybrid stand, as it is.
         hidden: widths of the hidden layers; None: those of the kind.
         decay: weight decay; None: that of the kind.
         epochs: of training.
@@ -103,15 +112,18 @@ class Request:
                             f'physical parameters; {kind.title} has none')
         if self.base is None and not base:
             return
-        if not (kind.physics and kind.weights):
-            raise UserError('--model gives the physics that weights stand on: it needs '
-                            '--predictor ' + names_of(lambda kind: kind.physics and kind.weights)
-                            + '; trace --model fits an analytical model, with its effects, anew')
-        if self.held or effects:
-            raise UserError('--fix and known effects are for a fresh fit; --model has its own')
+        if not kind.physics:
+            raise UserError(f'--model gives the physics; {kind.title} has none')
+        if (self.held or effects or self.method != 'least_squares'
+                or self.criterion == 'one_step'):
+            raise UserError('--method, --criterion one_step, --fix and known effects are for a '
+                            'fresh fit; --model has its own laws, and is fitted by its free run')
         if self.base and not kind_named(self.base.kind).physics:
             raise UserError(f'--model is of kind {self.base.kind}, without the physics that '
                             f'{kind.title} stands on')
+        if self.base and kind.analytical and self.base.kind != kind.name:
+            raise UserError(f'--model is of kind {self.base.kind}, whose weights were trained on '
+                            'its physics: only an analytical model is fitted anew')
 
 
 @dataclass(frozen=True)
@@ -166,6 +178,13 @@ class Refit:
                                   'std_error': e.std_error, 'identifiable': e.identifiable,
                                   'held': e.held, 'at_bound': e.at_bound or None}
                            for name, e in model.parameters.items()},
+            'effects': [{'id': placed.effect.id, 'port': placed.port.name, 'parameters': {
+                p.name: {'value': value, 'unit': placed.effect.unit(p, placed.port),
+                         'std_error': model.record.std_error(k, p.name),
+                         'held': f'{k}:{p.name}' not in model.record.uncertainty}
+                for p, value in zip(placed.effect.parameters, placed.values, strict=True)
+                if value not in (p.refinement, p.unreached)}}
+                for k, placed in enumerate(model.effects)],
             'hidden': list(self.settings.hidden) if self.settings else [],
             'decay': self.settings.decay if self.settings else None,
             'at_bound': [name for name, e in model.parameters.items() if e.at_bound],
@@ -204,7 +223,15 @@ def refit(train: Recording, test: Recording, plant: Plant, constants: Mapping[st
     references = reference_errors(train, test, plant)
     model = Model(plant, constants, train.sample_time, request.effects, kind=kind.name,
                   record=Record(provenance=provenance))
-    if request.base is not None:
+    if request.base is not None and kind.analytical:
+        with show('fitting the physics', None):
+            fit = fit_anew(request.base, train)
+        known, left = fit.identifiability(), fit.noise
+        model = fitted_model(fit, known, {})
+        model = replace(model, plant=plant, record=replace(
+            model.record, notes=(COLOURED,) if fit.whitened else (), provenance={
+                **provenance, 'method': request.method, 'criterion': 'free_run'}))
+    elif request.base is not None:
         physics = replace(request.base, kind='analytical', network=None).at(model.sample_time)
         model = replace(physics, kind=kind.name, noise=None).with_record(provenance=provenance)
     elif kind.physics:

@@ -11,7 +11,7 @@ import pytest
 
 from hydro_twin.commands.main import main
 from hydro_twin.fitting.one_step import SearchResult
-from hydro_twin.model import read_model
+from hydro_twin.model import place, read_model, write_model
 from hydro_twin.plants import PLANTS
 from hydro_twin.recording.digest import source_of
 from hydro_twin.recording.rig import read, rig_of
@@ -38,6 +38,33 @@ def refit(capsys, bag, out, *more, plant='load_simulator'):
     status = main(['refit', str(bag), '--plant', plant, '-o', str(out), '--json', *more])
     stdout, err = capsys.readouterr()
     return status, json.loads(stdout) if stdout else None, err
+
+def test_a_model_is_fitted_anew_with_its_effects(bag, tmp_path, capsys):
+    """From half of the friction that there is, and from parameters off by a quarter."""
+    rubbing = tmp_path / 'rubbing'
+    friction = 'friction@motor:coulomb=8'
+    assert main(['simulate', '--plant', 'load_simulator', '-o', str(rubbing), '--duration', '3',
+                 '--snr', '45', '--excitation', 'u_m=multisine:highest=25', '--effect', friction,
+                 *(f'--set={name}={value}' for name, value in TRUTH.items())]) == 0
+    capsys.readouterr()
+    assert refit(capsys, bag, tmp_path / 'linear.yaml')[0] == 0
+    linear = read_model(tmp_path / 'linear.yaml')
+    off = replace(linear, values={**linear.values, 'G': 1.25 * linear.values['G']}, effects=(
+        place('friction', 'motor', {'coulomb': 4.0}, linear.plant),))
+    write_model(off, tmp_path / 'off.yaml')
+    status, result, _ = refit(capsys, rubbing, tmp_path / 'anew.yaml', '--model',
+                              str(tmp_path / 'off.yaml'))
+    assert status == 0
+    (effect,) = result['effects']
+    found = effect['parameters']['coulomb']
+    assert abs(found['value'] - 8.0) < 4.0 * found['std_error'] < 1.0
+    stiffness = result['parameters']['G']
+    assert abs(stiffness['value'] - TRUTH['G']) < 4.0 * stiffness['std_error']
+    again = read_model(tmp_path / 'anew.yaml')
+    assert again.effects[0].named['coulomb'] == found['value']
+    assert again.noise is not None
+    assert result['test']['free_run'] < 1.1 * again.noise.measurement
+
 
 
 def test_finds_what_the_simulation_was_given(bag, tmp_path, capsys):

@@ -110,7 +110,9 @@ def test_a_hybrid_on_a_model_keeps_its_physics_and_effects(
     (['--hidden', '0'], 'should read like 77,77'),
     (['--epochs', '0', '--predictor', 'mlp'], '--epochs 0'),
     (['--device', 'abacus', '--predictor', 'mlp'], "device 'abacus'"),
-    (['--model', 'x.yaml'], 'needs --predictor hybrid'),
+    (['--model', 'x.yaml'], 'x.yaml: no model file'),
+    (['--model', 'x.yaml', '--fix', 'J=1'], 'for a fresh fit'),
+    (['--model', 'x.yaml', '--predictor', 'mlp'], 'an MLP has none'),
     (['--model', 'x.yaml', '--predictor', 'hybrid'], 'x.yaml: no model file'),
 ])
 def test_refuses(
