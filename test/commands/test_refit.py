@@ -39,6 +39,7 @@ def refit(capsys, bag, out, *more, plant='load_simulator'):
     stdout, err = capsys.readouterr()
     return status, json.loads(stdout) if stdout else None, err
 
+
 def test_a_model_is_fitted_anew_with_its_effects(bag, tmp_path, capsys):
     """From half of the friction that there is, and from parameters off by a quarter."""
     rubbing = tmp_path / 'rubbing'
@@ -64,7 +65,6 @@ def test_a_model_is_fitted_anew_with_its_effects(bag, tmp_path, capsys):
     assert again.effects[0].named['coulomb'] == found['value']
     assert again.noise is not None
     assert result['test']['free_run'] < 1.1 * again.noise.measurement
-
 
 
 def test_finds_what_the_simulation_was_given(bag, tmp_path, capsys):
