@@ -262,6 +262,12 @@ class Placed:
         return dict(zip(names, self.values, strict=True))
 
     @property
+    def in_use(self) -> list[tuple[EffectParameter, float]]:
+        """Parameters with their values, but for refinements and limits that are neutral."""
+        return [(p, value) for p, value in zip(self.effect.parameters, self.values, strict=True)
+                if value not in (p.refinement, p.unreached)]
+
+    @property
     def swings(self) -> int:
         """How many numbers say how it swings at the start of a recording."""
         return self.effect.swings if self.effect.swings and self.values[-1] else 0

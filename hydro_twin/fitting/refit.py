@@ -117,7 +117,7 @@ class Request:
         if (self.held or effects or self.method != 'least_squares'
                 or self.criterion == 'one_step'):
             raise UserError('--method, --criterion one_step, --fix and known effects are for a '
-                            'fresh fit; --model has its own laws, and is fitted by its free run')
+                            'fresh fit; --model has its own')
         if self.base and not kind_named(self.base.kind).physics:
             raise UserError(f'--model is of kind {self.base.kind}, without the physics that '
                             f'{kind.title} stands on')
@@ -182,8 +182,7 @@ class Refit:
                 p.name: {'value': value, 'unit': placed.effect.unit(p, placed.port),
                          'std_error': model.record.std_error(k, p.name),
                          'held': f'{k}:{p.name}' not in model.record.uncertainty}
-                for p, value in zip(placed.effect.parameters, placed.values, strict=True)
-                if value not in (p.refinement, p.unreached)}}
+                for p, value in placed.in_use}}
                 for k, placed in enumerate(model.effects)],
             'hidden': list(self.settings.hidden) if self.settings else [],
             'decay': self.settings.decay if self.settings else None,
@@ -227,10 +226,9 @@ def refit(train: Recording, test: Recording, plant: Plant, constants: Mapping[st
         with show('fitting the physics', None):
             fit = fit_anew(request.base, train)
         known, left = fit.identifiability(), fit.noise
-        model = fitted_model(fit, known, {})
-        model = replace(model, plant=plant, record=replace(
-            model.record, notes=(COLOURED,) if fit.whitened else (), provenance={
-                **provenance, 'method': request.method, 'criterion': 'free_run'}))
+        model = replace(fitted_model(fit, known, {}), plant=plant).with_record(
+            notes=(COLOURED,) if fit.whitened else (),
+            provenance={**provenance, 'method': request.method, 'criterion': 'free_run'})
     elif request.base is not None:
         physics = replace(request.base, kind='analytical', network=None).at(model.sample_time)
         model = replace(physics, kind=kind.name, noise=None).with_record(provenance=provenance)

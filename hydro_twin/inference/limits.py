@@ -11,6 +11,7 @@ from hydro_twin.fitting.fit import Fit
 from hydro_twin.fitting.output_error import free_run
 from hydro_twin.fitting.parts import Part
 from hydro_twin.fitting.unknowns import label, put, Unknown
+from hydro_twin.model import Model
 
 
 def without_unreached(fit: Fit, parts: Sequence[Part]) -> Fit:
@@ -26,18 +27,24 @@ def without_unreached(fit: Fit, parts: Sequence[Part]) -> Fit:
     Returns:
         The fit with these limits where they limit nothing, and no longer among its unknowns.
     """
-    for index, placed in enumerate(fit.candidate.effects):
-        for p in placed.effect.parameters:
-            if p.unreached is None or placed.named[p.name] == p.unreached:
-                continue
-            limit = Unknown(p.name, str(index), p.lower, p.upper, p.log)
-            freed = put(fit.candidate, [limit], [p.unreached])
-            now, then = (np.concatenate([part.measured - free_run(model, part) for part in parts])
-                         for model in (fit.candidate, freed))
-            if then @ then - now @ now < math.log(len(now)) * fit.error**2:
-                kept = [label(unknown) != label(limit) for unknown in fit.unknowns]
-                fit = replace(
-                    fit, candidate=freed, jacobian=fit.jacobian[:, kept],
-                    whitened=fit.whitened and (fit.whitened[0], fit.whitened[1][:, kept]),
-                    unknowns=tuple(u for u, keep in zip(fit.unknowns, kept, strict=True) if keep))
+    limits = [(Unknown(p.name, str(index), p.lower, p.upper, p.log), p.unreached)
+              for index, placed in enumerate(fit.candidate.effects)
+              for p, _ in placed.in_use if p.unreached is not None]
+    now = _sum_of_squares(fit.candidate, parts) if limits else 0.0
+    least = math.log(sum(len(part.measured) for part in parts)) * fit.error**2
+    for limit, unreached in limits:
+        freed = put(fit.candidate, [limit], [unreached])
+        then = _sum_of_squares(freed, parts)
+        if then - now < least:
+            now, kept = then, [label(unknown) != label(limit) for unknown in fit.unknowns]
+            fit = replace(
+                fit, candidate=freed, jacobian=fit.jacobian[:, kept],
+                whitened=fit.whitened and (fit.whitened[0], fit.whitened[1][:, kept]),
+                unknowns=tuple(u for u, keep in zip(fit.unknowns, kept, strict=True) if keep))
     return fit
+
+
+def _sum_of_squares(model: Model, parts: Sequence[Part]) -> float:
+    """Return that of the errors of free runs over the parts."""
+    left = np.concatenate([part.measured - free_run(model, part) for part in parts])
+    return float(left @ left)

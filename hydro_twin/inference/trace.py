@@ -10,13 +10,13 @@ import numpy as np
 from hydro_twin.blas import one_thread
 from hydro_twin.fitting.coloured import as_measured, whitened
 from hydro_twin.fitting.fit import Fit
-from hydro_twin.fitting.horizon import errors_over_horizon, judged_errors
 from hydro_twin.fitting.linear import fit_linear, refuse_reversed
 from hydro_twin.fitting.output_error import free_run_error
 from hydro_twin.fitting.outputs import sensors_in
 from hydro_twin.fitting.parts import Part, parts_of, thin, with_travel
 from hydro_twin.fitting.port_signals import predicted_by_ports
 from hydro_twin.fitting.whiteness import is_white
+from hydro_twin.inference.confirmation import confirmed, reported_gain
 from hydro_twin.inference.context import Context
 from hydro_twin.inference.continuation import shorter_horizon
 from hydro_twin.inference.curve import FittedCurve
@@ -29,9 +29,7 @@ from hydro_twin.inference.explanation import explain, Explanation
 from hydro_twin.inference.findings import Selection, share
 from hydro_twin.inference.held_out import (
     held_out_gain,
-    improvement,
     residuals,
-    surer_improvement,
 )
 from hydro_twin.inference.limits import without_unreached
 from hydro_twin.inference.memory import combine_with_earlier, named
@@ -44,11 +42,9 @@ from hydro_twin.inference.stepwise import FINEST, MIN_SHARE, with_fine_steps
 from hydro_twin.inference.structure import dependences, drift_test
 from hydro_twin.model import Model, Record
 from hydro_twin.plants import Plant
-from hydro_twin.predictors.analytical import Analytical
-from hydro_twin.predictors.scores import errors_by_series, rms
+from hydro_twin.predictors.scores import rms
 from hydro_twin.recording.series import Recording, split
 from hydro_twin.result import (
-    Improvement,
     Memory,
     THIRD,
     TraceResult,
@@ -139,7 +135,7 @@ def _with_memory(found: Evidence, model: Model, earlier: Recording, seed: int) -
         return replace(found, memory=memory)
     final = ({'after': together.fit} if found.curve is None else
              {'curve': replace(found.curve, fit=together.fit)})
-    gain, by_horizon = _gain(found.before, together.fit, found.recordings['test'], seed)
+    gain, by_horizon = reported_gain(found.before, together.fit, found.recordings['test'], seed)
     return replace(found, **final, memory=memory, known=together.known, improvement=gain,
                    by_horizon=by_horizon)
 
@@ -201,7 +197,7 @@ def _search(train: Recording, test: Recording, plant: Plant,
     base, explained = _explain(base, data, known, seed, progress)
     before, base, selection, found = _fitted_to_all(
         before, base, linear, explained, data, seed, progress)
-    selection, found, gain, by_horizon = _confirmed(before, base, selection, found, test, seed)
+    selection, found, gain, by_horizon = confirmed(before, base, selection, found, test, seed)
     after = selection.fit
     pieces, left = after.by_part, residuals(after, data.fine_held_out)
     compared = residuals(after, whitened(data.fine_held_out, after)) if after.whitened else left
@@ -311,63 +307,10 @@ def _fitted_to_all(before: Fit, base: Fit, linear: Model | None, explained: Expl
     return before, base, kept, None
 
 
-def _confirmed(before: Fit, base: Fit, selection: Selection, found: FittedCurve | None,
-               test: Recording, seed: int
-               ) -> tuple[Selection, FittedCurve | None, Improvement, bool]:
-    """Keep what improves the reported figure, too, and surely beats a constant.
-
-    Returns also how much it improves it, see `_gain`.
-    """
-    gain, by_horizon = _gain(before, selection.fit if found is None else found.fit, test, seed)
-    if found and not gain.low > 0.0:
-        found = None
-        gain, by_horizon = _gain(before, selection.fit, test, seed)
-    if selection.findings and not (gain.low > 0.0 and (
-            by_horizon or _beats_constant((found or selection).fit, test, seed))):
-        selection, found = Selection(base), None
-        gain, by_horizon = _gain(before, base, test, seed)
-    return selection, found, gain, by_horizon
-
-
-def _beats_constant(fit: Fit, test: Recording, seed: int) -> bool:
-    """Whether a free run is surely better on held-out data than the mean of each series.
-
-    An offset improves a model that cannot follow at all, and explains nothing.
-    """
-    left = errors_by_series(Analytical(fit.candidate), test.series, 'free_run')
-    output = fit.candidate.plant.output.name
-    measured = [one[output][-len(error):] for one, error in zip(test.series, left, strict=True)]
-    return improvement([one - one.mean() for one in measured], left, seed).low > 0.0
-
-
 def _times(parts: Sequence[Part], sample_time: float) -> tuple[float, float]:
     """Return the stamps [s] of the first and the last sample of all parts."""
     return (1e-9 * min(part.start for part in parts),
             max(1e-9 * part.start + sample_time * (len(part.measured) - 1) for part in parts))
-
-
-def _gain(before: Fit, after: Fit, test: Recording, seed: int) -> tuple[Improvement, bool]:
-    """Compare two models on held-out data.
-
-    By the free run, or by the error over a horizon: where the start decides a free run, and where
-    a free run improves, but by its start alone not for sure. An error over a horizon that falls,
-    but hardly where one of few windows meets what was not there to be fitted, as an end stop, may
-    fall for sure by its geometric mean.
-
-    Returns:
-        The improvement, and whether it is that of the error over a horizon.
-    """
-    then, by_horizon = judged_errors(after.candidate, test)
-    if not by_horizon:
-        first = errors_by_series(Analytical(before.candidate), test.series, 'free_run')
-        gain = improvement(first, then, seed)
-        if gain.low > 0.0 or not gain.relative > 0.0:
-            return gain, False
-        then = errors_over_horizon(after.candidate, test)
-    first = errors_over_horizon(before.candidate, test)
-    gain = improvement(first, then, seed)
-    unsure = gain.low <= 0.0 < gain.relative
-    return surer_improvement(first, then, seed) if unsure else gain, True
 
 
 def _on_all(found: FittedCurve, after: Fit, data: _Data, seed: int) -> FittedCurve | None:

@@ -274,10 +274,7 @@ def _number(name: str, value: object, finite: bool = True) -> float:
 
 
 def _as_yaml(value: object) -> str:
-    """Say how to write a number that YAML 1.1 takes for text, as 1e5 and 1.1e5; '' if it is none.
-
-    They are not taken as they are: a commit may look like that, too.
-    """
+    """Say how to write a number that YAML 1.1 takes for text, as 1.1e5; '' if it is none."""
     try:
         number = float(value) if isinstance(value, str) else math.nan
     except ValueError:

@@ -30,7 +30,7 @@ def place(identifier: str, port_name: str, parameters: Mapping[str, float],
           plant: Plant) -> Placed:
     """Put an effect with these parameters on a port; refinements left out are neutral.
 
-    So are limits left out; an infinite one is none either.
+    A limit that is left out, or infinite, limits nothing.
 
     Raises:
         ModelError: no such effect there, or a parameter missing, unknown or out of range.

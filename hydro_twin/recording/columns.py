@@ -180,7 +180,9 @@ def _read_mat(path: Path, wanted: set[str]) -> dict[str, FloatArray]:
     from scipy.io import loadmat
 
     try:
-        content = loadmat(path)     # all: beside an object of MATLAB's it cannot list names
+        content = loadmat(path, variable_names=list(wanted))
+        if not wanted <= content.keys():
+            content = loadmat(path)     # whosmat cannot list them beside an object of MATLAB's
     except NotImplementedError:
         raise BagError(f"{path} is a MAT file of version 7.3: save it with '-v7'") from None
     _check_names(path, wanted, [name for name in content if not name.startswith('__')])

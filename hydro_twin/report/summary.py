@@ -170,8 +170,7 @@ def remainder_sentence(result: TraceResult) -> str:
         parts.append('a parameter drifts over the recording')
     if left.held_out_ratio is not None:
         parts.append(f'on data that was not fitted the error is {left.held_out_ratio:.1f} times '
-                     'as large: '
-                     'something happens there that does not in the data that was')
+                     'as large: something happens there that does not in the data that was')
     ratio = left.error / max(result.noise, 1e-300)
     how_much = f'{ratio:.0f}' if ratio < COUNTED else f'more than {COUNTED:.0f}'
     if not parts and left.loud:
@@ -250,8 +249,7 @@ def _best_named(named: BestNamed) -> dict[str, Any]:
 def _values(placed: Placed) -> dict[str, Any]:
     """Give an effect's parameters with unit, refinements in use only."""
     return {p.name: {'value': value, 'unit': placed.effect.unit(p, placed.port)}
-            for p, value in zip(placed.effect.parameters, placed.values, strict=True)
-            if value not in (p.refinement, p.unreached)}
+            for p, value in placed.in_use}
 
 
 def _found(found: FoundCurve, estimates: dict[str, Any]) -> dict[str, Any]:

@@ -57,7 +57,8 @@ class Remainder:
         by_ports: (share, p-value) of what the port signals predict of it, in any way.
         loud: whether it is larger than noise can be.
         held_out_ratio: how many times as large it is on held-out data, where that is no chance;
-            of the innovations, where the residual was fitted as coloured noise. None: by chance.
+            of the innovations, where the residual was fitted as coloured noise. None: no larger
+            than by chance.
         structured: whether any test finds structure in it.
     """
 

@@ -94,13 +94,11 @@ def parameters(model: Model) -> dict[str, Value]:
 def effect_values(model: Model, index: int) -> dict[str, Value]:
     """Give the parameters of an effect that are in use, by what a sentence calls them."""
     placed = model.effects[index]
-    used = [(p, value) for p, value in zip(placed.effect.parameters, placed.values, strict=True)
-            if value not in (p.refinement, p.unreached)]
     name = name_of(placed)
     alone = len(placed.effect.parameters) == 1
     return {name if alone else f'{p.name} of the {name}':
             Value(value, model.record.std_error(index, p.name), placed.effect.unit(p, placed.port))
-            for p, value in used}
+            for p, value in placed.in_use}
 
 
 def name_of(placed: Placed) -> str:

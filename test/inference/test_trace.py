@@ -15,6 +15,7 @@ from hydro_twin.commands.main import main
 from hydro_twin.fitting.horizon import errors_over_horizon
 from hydro_twin.fitting.linear import fit_linear
 from hydro_twin.fitting.parts import parts_of
+from hydro_twin.inference.confirmation import beats_constant, reported_gain
 from hydro_twin.inference.held_out import improvement
 from hydro_twin.inference.trace import evidence, trace
 from hydro_twin.inference.verdict import verdict_of
@@ -305,10 +306,28 @@ def test_a_stop_that_only_one_held_out_series_meets_does_not_refute_the_other():
     falls = [rms(a) / rms(b) for a, b in zip(now, then, strict=True)]
     assert max(falls[:2]) < 0.1 < 1.0 < falls[2]
     assert improvement(then, now, 0).low < 0.0 < improvement(then, now, 0).relative
-    gain, by_horizon = importlib.import_module('hydro_twin.inference.trace')._gain(
-        before, after, test, 0)
+    gain, by_horizon = reported_gain(before, after, test, 0)
     assert by_horizon
     assert gain.low > 0.0
+
+
+def test_an_offset_to_a_model_that_follows_nothing_does_not_beat_a_constant():
+    """What is measured is noise about an offset, whatever the command; a short series counts not.
+
+    The model with that offset is far better than that without, and no better than the offset.
+    """
+    rig = record()
+    rng = np.random.default_rng(3)
+    deaf = Recording(tuple(replace(one, columns={
+        **one.columns, 'T_g': 40.0 + rng.standard_normal(len(one))}) for one in rig.series))
+    gone = VALUES | {'K_q': 1e-6 * VALUES['K_q']}
+    offset = Model(PLANT, gone, 0.002, (place('bias', 'sensor', {'offset': 40.0}, PLANT),))
+    still = Recording(tuple(replace(one, columns={
+        **one.columns, 'theta_d': np.zeros(len(one))}) for one in deaf.series))
+    assert rms(np.concatenate(errors_over_horizon(offset, still))) < 2.0
+    short = Recording((*still.series, still.series[0].part(0, 10)))
+    assert not beats_constant(SimpleNamespace(candidate=offset), short, 0)
+    assert beats_constant(SimpleNamespace(candidate=Model(PLANT, VALUES, 0.002)), rig, 0)
 
 
 @pytest.mark.slow
