@@ -15,6 +15,7 @@ from hydro_twin.commands.main import main
 from hydro_twin.fitting.horizon import errors_over_horizon
 from hydro_twin.fitting.linear import fit_linear
 from hydro_twin.fitting.parts import parts_of
+from hydro_twin.inference import confirmation
 from hydro_twin.inference.confirmation import beats_constant, reported_gain
 from hydro_twin.inference.held_out import improvement
 from hydro_twin.inference.trace import evidence, trace
@@ -271,14 +272,13 @@ def test_another_clock_does_not_matter(tmp_path, reference):
 def test_what_may_make_the_free_run_worse_where_nothing_was_fitted_is_not_named(
         rubbing, monkeypatch):
     """The interval of what is reported must exclude zero."""
-    module = importlib.import_module('hydro_twin.inference.trace')
-    honest = module._gain
+    honest = confirmation.reported_gain
 
     def worse(before, after, test, seed):
         gain, by_horizon = honest(before, after, test, seed)
         return (gain if after is before else replace(gain, low=-0.2, high=0.65)), by_horizon
 
-    monkeypatch.setattr(module, '_gain', worse)
+    monkeypatch.setattr(confirmation, 'reported_gain', worse)
     found = evidence(rubbing, None, PLANT)
     assert found.findings == ()
     assert found.curve is None
