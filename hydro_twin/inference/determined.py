@@ -13,7 +13,9 @@ from hydro_twin.fitting.problem import Problem, solve_all
 from hydro_twin.fitting.unknowns import get, label, put, Unknown
 from hydro_twin.inference.criterion import CLEAR_DELTA_BIC, delta_bic
 from hydro_twin.inference.findings import other_findings, Selection
+from hydro_twin.inference.refinement import unrefined
 from hydro_twin.inference.search import LONG, search, TOLERANCE
+from hydro_twin.inference.starts import with_other
 
 WIDEST = 0.5            # relative standard error up to which a size differs from none at all: a
 #                         fall to zero is two standard errors
@@ -24,7 +26,8 @@ def without_undetermined(selection: Selection, base: Fit, parts: Sequence[Part])
 
     The initial state of each part is free. Where the model misses much, a filter of any time
     constant, or a loop of any width, may make up for some of it there, and so in all that follows,
-    on held-out data, too.
+    on held-out data, too. A refinement is dropped first: it may share the size with the
+    simple law.
 
     Args:
         selection: a model that was found.
@@ -37,9 +40,14 @@ def without_undetermined(selection: Selection, base: Fit, parts: Sequence[Part])
     selection = replace(selection, fit=with_coloured_noise(selection.fit, parts))
     for k, found in enumerate(selection.findings):
         if not is_determined(selection.fit, found.index, parts):
+            candidate = selection.fit.candidate
+            simple = unrefined(candidate.effects[found.index])
+            if simple != candidate.effects[found.index]:
+                fit = search(with_other(candidate, found.index, simple), parts, LONG)
+                return without_undetermined(replace(selection, fit=fit), base, parts)
             others = other_findings(selection, k)
             without = base if not others else search(
-                selection.fit.candidate.without(found.index), parts, LONG)
+                candidate.without(found.index), parts, LONG)
             return without_undetermined(Selection(without, others), base, parts)
     return selection
 

@@ -317,11 +317,16 @@ def best_interpolation(fit: Fit, parts: Sequence[Part]) -> Fit:
 
     A controller holds its command until the next. That of an operator, or of a controller faster
     than the recording, moves on; held, it meets a limit or a dead zone in steps that it never had.
+
+    And once more with commands that act at their stamps, where a fit without the effect has left
+    the timing at an edge of its range: a search may not lead back from there.
     """
     candidate = fit.candidate
+    at_stamps = replace(candidate, timing=dict.fromkeys(candidate.timing, 0.0))
+    if any(name.startswith('timing:') for name in fit.at_bound()):
+        fit = min(fit, search(at_stamps, parts, LONG), key=lambda one: one.cost)
     other = LINEAR if candidate.interpolation == HOLD else HOLD
-    timing = dict.fromkeys(candidate.timing, 0.0)
-    otherwise = search(replace(candidate, interpolation=other, timing=timing), parts, LONG)
+    otherwise = search(replace(at_stamps, interpolation=other), parts, LONG)
     now, then = delta_bic([fit, otherwise])
     return otherwise if then < now - CLEAR_DELTA_BIC and share(fit, otherwise) > MIN_SHARE else fit
 

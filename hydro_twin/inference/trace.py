@@ -10,8 +10,9 @@ import numpy as np
 from hydro_twin.blas import one_thread
 from hydro_twin.fitting.coloured import as_measured, whitened
 from hydro_twin.fitting.fit import Fit
+from hydro_twin.fitting.horizon import errors_over_horizon
 from hydro_twin.fitting.linear import fit_linear, refuse_reversed
-from hydro_twin.fitting.output_error import free_run_error
+from hydro_twin.fitting.output_error import free_run_error, size_of
 from hydro_twin.fitting.outputs import sensors_in
 from hydro_twin.fitting.parts import Part, parts_of, thin, with_travel
 from hydro_twin.fitting.port_signals import predicted_by_ports
@@ -38,7 +39,14 @@ from hydro_twin.inference.refinement import unrefined
 from hydro_twin.inference.screen import undetectable
 from hydro_twin.inference.search import LONG, search, search_all, unsearched
 from hydro_twin.inference.splits import held_out_split, second_split
-from hydro_twin.inference.stepwise import FINEST, MIN_SHARE, with_fine_steps
+from hydro_twin.inference.stepwise import (
+    best_interpolation,
+    FINE_ENOUGH,
+    FINEST,
+    MAX_HELD_OUT_RATIO,
+    MIN_SHARE,
+    with_fine_steps,
+)
 from hydro_twin.inference.structure import dependences, drift_test
 from hydro_twin.model import Model, Record
 from hydro_twin.plants import Plant
@@ -106,8 +114,17 @@ def evidence(recording: Recording, test: Recording | None, plant: Plant,
     again = _search(*parts, found.plant, constants, model, seed, progress, found.after.candidate)
     # Effects that only make up for another one on the part that was fitted are many, and fail.
     holds = again.additions > 0 and not again.is_larger_held_out
-    return (replace(again, tested=tested) if holds or again.additions >= found.additions
-            else found)
+    # A model may also hold for leaving much everywhere.
+    no_worse = (_whole_error(again, recording)
+                <= MAX_HELD_OUT_RATIO * _whole_error(found, recording))
+    if no_worse and (holds or again.additions >= found.additions):
+        return replace(again, tested=tested)
+    return found
+
+
+def _whole_error(found: Evidence, recording: Recording) -> float:
+    """Return the error over a horizon on all that was recorded, whichever part was fitted."""
+    return size_of(errors_over_horizon(found.final.candidate, recording))
 
 
 def _with_memory(found: Evidence, model: Model, earlier: Recording, seed: int) -> Evidence:
@@ -194,6 +211,7 @@ def _search(train: Recording, test: Recording, plant: Plant,
     base = before
     if data.factor > 1 or model is not None:
         base = search(resampled(before.candidate, data.factor * sample_time), data.coarse, LONG)
+    base = with_fine_steps(base, data.coarse, FINE_ENOUGH)
     base, explained = _explain(base, data, known, seed, progress)
     before, base, selection, found = _fitted_to_all(
         before, base, linear, explained, data, seed, progress)
@@ -342,4 +360,6 @@ def _as_recorded(fit: Fit, sample_time: float, parts: Sequence[Part]) -> Fit:
     else:
         refined, fine = search_all([candidate, simple], parts, FURTHER)
         fine = refined if share(fine, refined) > MIN_SHARE else fine
-    return with_fine_steps(fine, parts, FINEST) if fine.candidate.effects else fine
+    if fine.candidate.effects:
+        fine = best_interpolation(fine, parts)
+    return with_fine_steps(fine, parts, FINEST)

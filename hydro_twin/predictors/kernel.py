@@ -3,7 +3,7 @@
 The linear laws are stepped exactly (matrix exponential, inputs and effects linear over a step).
 What an effect adds to its port is evaluated at the start of a step and at its predicted end, which
 is of second order; a force that jumps with the velocity is solved for the end of the step. With no
-effects the step is exact at any length.
+effects, and with inputs that act at the samples, the step is exact at any length.
 
 z holds the memory of all effects, then one number for each effect: what it added last, if it is
 implicit.

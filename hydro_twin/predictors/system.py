@@ -283,7 +283,8 @@ def assemble(plant: Plant, values: Mapping[str, float], effects: Sequence[Placed
         values: parameters and constants by name; of a parameter that drifts, the last one.
         effects: on its ports.
         sample_time: [s]; the plant's own by default.
-        substeps: steps in a sample where there are effects; without any, one is exact.
+        substeps: steps in a sample. One is exact, and taken, where there are no effects and inputs
+            act at the samples.
         timing: how late inputs act [s], by name, besides what a delay among the effects adds.
         interpolation: of commands between samples, `HOLD` or `LINEAR`.
     """
@@ -352,7 +353,8 @@ def _assemble(plant: Plant, values: Mapping[str, float], effects: Sequence[Place
                         placed.effect.implicit))
         p.extend(placed.values)
         memory += kept
-    steps = substeps if entries else 1
+    # An input that changes within a sample is averaged over a step, or interpolated across it.
+    steps = substeps if entries or (late % 1.0).any() else 1
     active = sorted({plant.ports.index(placed.port) for placed in at_port
                      if not placed.effect.implicit})
     step = Step(

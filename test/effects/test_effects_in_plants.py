@@ -73,6 +73,16 @@ def test_without_strength_it_is_the_linear_model(site):
     np.testing.assert_allclose(found, linear, rtol=0, atol=1e-9 * np.abs(linear).max())
 
 
+@pytest.mark.parametrize('site', SITES, ids=named)
+def test_without_strength_it_is_the_linear_model_where_a_command_acts_within_a_sample(site):
+    """A better time step must not be credited to an effect."""
+    plant, effect, port = site
+    delay = place('delay', 'command', {'time': 1.6 * plant.sample_time}, plant)
+    linear = run(plant, [delay])
+    found = run(plant, [delay, Placed(effect, port, neutral(effect))])
+    np.testing.assert_allclose(found, linear, rtol=0, atol=1e-9 * np.abs(linear).max())
+
+
 @pytest.mark.parametrize('site', [site for site in SITES if any(
     p.scales for p in site[1].parameters)], ids=named)
 def test_half_as_strong_it_moves_the_output_half_as_far(site):
@@ -275,7 +285,8 @@ def test_a_delay_of_whole_samples_shifts_the_output():
 def test_a_delay_of_part_of_a_sample():
     """Against scipy at an eighth of the sample time.
 
-    A command that changes within a step counts by its mean there, which is of second order.
+    A command that changes within a step counts by its mean there, which is of second order, and
+    exact where it changes between two steps.
     """
     plant = PLANTS['valve_servo']
     laws = plant.laws(values(plant))
@@ -284,13 +295,14 @@ def test_a_delay_of_part_of_a_sample():
     discrete = signal.cont2discrete((laws.A, laws.B, laws.C, laws.D), plant.sample_time / 8)
     expected = signal.dlsim(discrete, fine)[1][::8, 0]
 
-    def off(samples):
+    def off(samples, substeps=1):
         time = samples * plant.sample_time
-        found = run(plant, [place('delay', 'command', {'time': time}, plant)])
+        found = run(plant, [place('delay', 'command', {'time': time}, plant)], substeps)
         return rms(found - expected) / rms(expected)
 
     assert off(13 / 8) < 3e-4
     assert off(13 / 8) < 0.03 * min(off(1), off(2))
+    assert off(13 / 8, 8) < 1e-9 < off(13 / 8, 2) < 0.3 * off(13 / 8)
 
 
 def test_effects_on_one_port_act_one_after_the_other():

@@ -7,10 +7,14 @@ import numpy as np
 import pytest
 from traced_rig import fitted, PLANT, record, VALUES
 
-from hydro_twin.inference.determined import is_determined, without_undetermined
+from hydro_twin.fitting.parts import parts_of
+from hydro_twin.inference.determined import is_determined, WIDEST, without_undetermined
 from hydro_twin.inference.findings import Finding, Selection
 from hydro_twin.inference.search import search
-from hydro_twin.model import place
+from hydro_twin.model import Model, place
+from hydro_twin.plants import plant_named
+from hydro_twin.recording.series import Recording
+from hydro_twin.simulation.simulate import simulate
 
 FRICTION = ('friction', 'motor', {'coulomb': 10.0})
 LIGHT = VALUES | {'J': 0.046, 'B_m': 52.0, 'K_p': 0.01, 'G': 8600.0}
@@ -28,6 +32,27 @@ def test_a_loop_that_is_not_there_is_dropped_and_friction_that_is_there_stays():
     assert [found.index for found in kept.findings] == [0]
 
 
+def test_a_refinement_that_shares_the_size_of_a_law_is_dropped_before_the_law():
+    """Friction that falls only beyond all speeds that were reached is one force, not two."""
+    plant = plant_named('positioning')
+    values = {'M': 20.0, 'F_v': 60.0}
+    ends = np.random.default_rng(0).uniform(-80.0, 80.0, 40)
+    one = simulate(plant, values, [place('friction', 'motor', {'coulomb': 20.0}, plant)],
+                   {'force': lambda t: ends[(4.0 * np.atleast_1d(t)).astype(int)]}, 8.0)
+    one.columns['x'][:] += 1e-3 * np.random.default_rng(1).standard_normal(len(one))
+    parts = parts_of(Recording((one,)), plant)
+    bare = Model(plant, values, plant.sample_time)
+    split = place('friction', 'motor', {
+        'coulomb': 10.0, 'stribeck': 10.0, 'stribeck_velocity': 30.0,
+        'bristle_stiffness': 1e9}, plant)
+    fit = search(replace(bare, effects=(split,)), parts, 40)
+    assert not is_determined(fit, 0, parts)
+    kept = without_undetermined(Selection(fit, (Finding(0, 0.0, 0.9, ()),)),
+                                search(bare, parts, 40), parts)
+    friction, = kept.fit.candidate.effects
+    assert friction.values == pytest.approx((20.0, 0.0, 1.0, np.inf, 0.0), rel=0.01)
+
+
 def test_a_delay_is_determined_whatever_its_derivatives_say_beside_a_small_inertia():
     alone, parts, _ = fitted(
         record(('delay', 'command', {'time': 0.01}), noise=1.0, values=LIGHT, seed=1))
@@ -35,6 +60,6 @@ def test_a_delay_is_determined_whatever_its_derivatives_say_beside_a_small_inert
     fit = search(replace(alone.candidate, effects=(placed,)), parts, 40)
     known = fit.identifiability()
     errors = dict(zip(known.coordinates, np.sqrt(np.diag(known.covariance)), strict=True))
-    assert errors['0:time'] > 0.9
+    assert errors['0:time'] > WIDEST
     assert fit.candidate.effects[0].values[0] == pytest.approx(0.01, rel=0.05)
     assert is_determined(fit, 0, parts)

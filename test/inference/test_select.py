@@ -8,7 +8,7 @@ import pytest
 from traced_rig import fitted, PLANT, record, VALUES
 
 from hydro_twin.fitting.output_error import free_run_error
-from hydro_twin.fitting.parts import Part
+from hydro_twin.fitting.parts import Part, parts_of
 from hydro_twin.fitting.port_signals import simulate_port_signals
 from hydro_twin.inference.refinement import refine
 from hydro_twin.inference.search import search, search_sticking, unsearched
@@ -16,8 +16,10 @@ from hydro_twin.inference.select import fit_alternatives, KEPT, leading
 from hydro_twin.inference.starts import relocated
 from hydro_twin.inference.stepwise import best_interpolation
 from hydro_twin.model import Model, place
-from hydro_twin.plants import PLANTS
+from hydro_twin.plants import plant_named, PLANTS
 from hydro_twin.predictors.system import LINEAR
+from hydro_twin.recording.series import Recording
+from hydro_twin.simulation.simulate import simulate
 
 STRIBECK = ('friction', 'motor', {'coulomb': 6.0, 'stribeck': 4.0, 'stribeck_velocity': 0.02})
 HOMOTOPY = 'hydro_twin.inference.search.search_by_homotopy'
@@ -66,6 +68,26 @@ def test_whether_a_command_moves_between_samples_shows_at_a_rate_limit(moving):
         assert found.error < 1.05 * 0.05 < held.error
     else:
         assert found is held
+
+
+def test_a_timing_that_was_left_at_an_edge_is_searched_again_from_the_stamps():
+    """Of a cylinder whose lag a fit without the limit had taken for commands sent early."""
+    plant = plant_named('cylinder')
+    values, limit = {'tau': 0.006, 'K_v': 0.03}, {'lower': -6.0, 'upper': 6.0}
+    steps = np.random.default_rng(0).uniform(-9.0, 9.0, 100)
+    one = simulate(plant, values, [place('saturation', 'command', limit, plant)],
+                   {'command': lambda t: steps[(2.5 * np.atleast_1d(t)).astype(int)]}, 20.0,
+                   sample_time=0.01)
+    one.columns['x'][:] += 1e-4 * np.random.default_rng(1).standard_normal(len(one))
+    parts = parts_of(Recording((one,)), plant)
+    late = Model(plant, {'tau': 0.0158, 'K_v': 0.03}, 0.01,
+                 (place('saturation', 'command', limit, plant),), {'command': -0.01}, substeps=2)
+    left = unsearched(late, parts)
+    assert left.at_bound() == ['timing:command']
+    found = best_interpolation(left, parts)
+    assert found.cost < 0.9 * left.cost
+    assert found.candidate.values['tau'] == pytest.approx(0.006, rel=0.1)
+    assert abs(found.candidate.timing['command']) < 1e-3
 
 
 @pytest.mark.slow

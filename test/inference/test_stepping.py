@@ -30,8 +30,11 @@ def test_without_noise_what_is_left_is_the_error_of_the_time_steps(name, law):
     assert not is_discretisation_error(search(fit.candidate, noisy, LONG), noisy)
 
 
-def test_a_linear_model_has_no_error_of_the_time_steps():
+def test_a_linear_model_has_no_error_of_the_time_steps_where_commands_act_at_the_samples():
     made = parts(candidate('load_simulator', [FRICTION]), 1.2, 0.0, 2)
     fit = search(candidate('load_simulator', []), made, LONG)
-    assert step_halving_change(fit.candidate, made) < 1e-9 * fit.error
+    on_time, within = (replace(fit.candidate, timing={'u_m': -early * fit.candidate.sample_time})
+                       for early in (1.0, 0.6))
+    assert step_halving_change(on_time, made) < 1e-9 * fit.error
+    assert step_halving_change(within, made) > 1e-9 * fit.error
     assert with_fine_steps(fit, made, 16).candidate.substeps == fit.candidate.substeps

@@ -497,6 +497,7 @@ class Searched:
     additions: int
     is_larger_held_out: bool
     tested: str = ''
+    error: float = 1.0
     plant: object = PLANT
     after: object = field(default_factory=lambda: SimpleNamespace(candidate=None))
 
@@ -506,6 +507,8 @@ class Searched:
     (Searched(1, True), False),
     (Searched(2, True), True),
     (Searched(0, False), False),        # nothing may hold where nothing moves
+    (Searched(1, False, error=1.3), False),     # for leaving more everywhere
+    (Searched(2, True, error=1.3), False),
 ])
 def test_of_two_test_parts_the_one_counts_on_which_the_model_holds(
         monkeypatch, again, is_second):
@@ -513,6 +516,7 @@ def test_of_two_test_parts_the_one_counts_on_which_the_model_holds(
     searches = iter([Searched(2, True), again])
     module = importlib.import_module('hydro_twin.inference.trace')
     monkeypatch.setattr(module, '_search', lambda *_: next(searches))
+    monkeypatch.setattr(module, '_whole_error', lambda found, _: found.error)
     found = evidence(record(count=3), None, PLANT)
     assert (found.tested != THIRD) == is_second
     assert found.additions == (again.additions if is_second else 2)
