@@ -121,17 +121,12 @@ def effect_unknowns(index: int, placed: Placed) -> list[Unknown]:
 
     The values of a curve, any of which may be near zero, share one scale.
     """
-    unknowns = []
-    moving = [(p, v) for p, v in zip(placed.effect.parameters, placed.values, strict=True)
-              if not p.fixed]
-    largest = max((abs(v) for _, v in moving if math.isfinite(v)), default=1.0)
-    for p, value in moving:
-        if value in (p.refinement, p.unreached):
-            continue
-        own = abs(value) if placed.effect.explains else 0.0
-        unknowns.append(Unknown(p.name, str(index), p.lower, p.upper, p.log,
-                                own or largest or 1.0))
-    return unknowns
+    largest = max((abs(value) for p, value in zip(
+        placed.effect.parameters, placed.values, strict=True)
+        if not p.fixed and math.isfinite(value)), default=1.0)
+    return [Unknown(p.name, str(index), p.lower, p.upper, p.log,
+                    (abs(value) if placed.effect.explains else 0.0) or largest or 1.0)
+            for p, value in placed.in_use if not p.fixed]
 
 
 def timing_unknowns(candidate: Model) -> list[Unknown]:

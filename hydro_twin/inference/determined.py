@@ -46,8 +46,7 @@ def without_undetermined(selection: Selection, base: Fit, parts: Sequence[Part])
                 fit = search(with_other(candidate, found.index, simple), parts, LONG)
                 return without_undetermined(replace(selection, fit=fit), base, parts)
             others = other_findings(selection, k)
-            without = base if not others else search(
-                candidate.without(found.index), parts, LONG)
+            without = base if not others else search(candidate.without(found.index), parts, LONG)
             return without_undetermined(Selection(without, others), base, parts)
     return selection
 

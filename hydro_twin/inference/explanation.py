@@ -26,7 +26,7 @@ from hydro_twin.inference.noise import cannot_be_noise
 from hydro_twin.inference.search import LONG, search, search_sticking
 from hydro_twin.inference.select import Alternative, fit_alternatives
 from hydro_twin.inference.stepwise import (
-    best_interpolation,
+    best_timing,
     FINEST,
     is_discretisation_error,
     is_residual_structured,
@@ -222,7 +222,7 @@ def _finalised(selection: Selection, context: Context) -> Selection:
         return selection
     fine = with_fine_steps(selection.fit, context.parts, FINEST)
     better = search(fine.candidate, context.parts, LAST)
-    better = best_interpolation(better, context.parts)
+    better = best_timing(better, context.parts)
     better = search_sticking(better, context.parts)
     return without_indistinct(replace(selection, fit=better), context)
 

@@ -93,7 +93,7 @@ def select_forward(selection: Selection, alternatives: Sequence[Alternative], co
         if selection.findings and not _earned(found, fit, first, context.parts):
             break
         better = with_fine_steps(first.fit, context.parts, FINE_ENOUGH)
-        better = best_interpolation(better, context.parts)
+        better = best_timing(better, context.parts)
         better = _refined_sticking(better, context.parts)
         context.remember(better)
         selection = exchange(Selection(better, (*selection.findings, found)), context)
@@ -312,14 +312,15 @@ def is_discretisation_error(fit: Fit, parts: Sequence[Part]) -> bool:
     return step_halving_change(fit.candidate, parts) > DISCRETISATION * fit.error
 
 
-def best_interpolation(fit: Fit, parts: Sequence[Part]) -> Fit:
-    """Fit once more with commands interpolated, or held, where that clearly explains more.
+def best_timing(fit: Fit, parts: Sequence[Part]) -> Fit:
+    """Fit once more with another timing of the commands, and take it where it explains more.
 
-    A controller holds its command until the next. That of an operator, or of a controller faster
-    than the recording, moves on; held, it meets a limit or a dead zone in steps that it never had.
+    With commands that act at their stamps, where a fit without the effect has left the timing at
+    an edge of its range: a search may not lead back from there.
 
-    And once more with commands that act at their stamps, where a fit without the effect has left
-    the timing at an edge of its range: a search may not lead back from there.
+    And with commands interpolated, or held, where that clearly explains more. A controller holds
+    its command until the next. That of an operator, or of a controller faster than the recording,
+    moves on; held, it meets a limit or a dead zone in steps that it never had.
     """
     candidate = fit.candidate
     at_stamps = replace(candidate, timing=dict.fromkeys(candidate.timing, 0.0))

@@ -28,10 +28,7 @@ from hydro_twin.inference.evidence import Evidence
 from hydro_twin.inference.excerpt import excerpt, harmless_factor, resampled
 from hydro_twin.inference.explanation import explain, Explanation
 from hydro_twin.inference.findings import Selection, share
-from hydro_twin.inference.held_out import (
-    held_out_gain,
-    residuals,
-)
+from hydro_twin.inference.held_out import held_out_gain, residuals
 from hydro_twin.inference.limits import without_unreached
 from hydro_twin.inference.memory import combine_with_earlier, named
 from hydro_twin.inference.noise import bursts, lines, noise_floor
@@ -40,7 +37,7 @@ from hydro_twin.inference.screen import undetectable
 from hydro_twin.inference.search import LONG, search, search_all, unsearched
 from hydro_twin.inference.splits import held_out_split, second_split
 from hydro_twin.inference.stepwise import (
-    best_interpolation,
+    best_timing,
     FINE_ENOUGH,
     FINEST,
     MAX_HELD_OUT_RATIO,
@@ -114,12 +111,11 @@ def evidence(recording: Recording, test: Recording | None, plant: Plant,
     again = _search(*parts, found.plant, constants, model, seed, progress, found.after.candidate)
     # Effects that only make up for another one on the part that was fitted are many, and fail.
     holds = again.additions > 0 and not again.is_larger_held_out
+    if not (holds or again.additions >= found.additions):
+        return found
     # A model may also hold for leaving much everywhere.
-    no_worse = (_whole_error(again, recording)
-                <= MAX_HELD_OUT_RATIO * _whole_error(found, recording))
-    if no_worse and (holds or again.additions >= found.additions):
-        return replace(again, tested=tested)
-    return found
+    whole, then = (_whole_error(one, recording) for one in (found, again))
+    return replace(again, tested=tested) if then <= MAX_HELD_OUT_RATIO * whole else found
 
 
 def _whole_error(found: Evidence, recording: Recording) -> float:
@@ -361,5 +357,5 @@ def _as_recorded(fit: Fit, sample_time: float, parts: Sequence[Part]) -> Fit:
         refined, fine = search_all([candidate, simple], parts, FURTHER)
         fine = refined if share(fine, refined) > MIN_SHARE else fine
     if fine.candidate.effects:
-        fine = best_interpolation(fine, parts)
+        fine = best_timing(fine, parts)
     return with_fine_steps(fine, parts, FINEST)

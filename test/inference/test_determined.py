@@ -8,7 +8,7 @@ import pytest
 from traced_rig import fitted, PLANT, record, VALUES
 
 from hydro_twin.fitting.parts import parts_of
-from hydro_twin.inference.determined import is_determined, WIDEST, without_undetermined
+from hydro_twin.inference.determined import is_determined, without_undetermined
 from hydro_twin.inference.findings import Finding, Selection
 from hydro_twin.inference.search import search
 from hydro_twin.model import Model, place
@@ -55,11 +55,11 @@ def test_a_refinement_that_shares_the_size_of_a_law_is_dropped_before_the_law():
 
 def test_a_delay_is_determined_whatever_its_derivatives_say_beside_a_small_inertia():
     alone, parts, _ = fitted(
-        record(('delay', 'command', {'time': 0.01}), noise=1.0, values=LIGHT, seed=1))
+        record(('delay', 'command', {'time': 0.01}), noise=1.5, values=LIGHT, seed=1))
     placed = place('delay', 'command', {'time': 0.008}, PLANT)
     fit = search(replace(alone.candidate, effects=(placed,)), parts, 40)
     known = fit.identifiability()
     errors = dict(zip(known.coordinates, np.sqrt(np.diag(known.covariance)), strict=True))
-    assert errors['0:time'] > WIDEST
+    assert errors['0:time'] > 0.9
     assert fit.candidate.effects[0].values[0] == pytest.approx(0.01, rel=0.05)
     assert is_determined(fit, 0, parts)

@@ -14,7 +14,7 @@ from hydro_twin.inference.refinement import refine
 from hydro_twin.inference.search import search, search_sticking, unsearched
 from hydro_twin.inference.select import fit_alternatives, KEPT, leading
 from hydro_twin.inference.starts import relocated
-from hydro_twin.inference.stepwise import best_interpolation
+from hydro_twin.inference.stepwise import best_timing
 from hydro_twin.model import Model, place
 from hydro_twin.plants import plant_named, PLANTS
 from hydro_twin.predictors.system import LINEAR
@@ -62,7 +62,7 @@ def test_whether_a_command_moves_between_samples_shows_at_a_rate_limit(moving):
                                     bus=1e-6 if moving else PLANT.sample_time))
     candidate = replace(alone.candidate, substeps=8, effects=(place(*limit, PLANT),))
     held = search(candidate, parts, 40)
-    found = best_interpolation(held, parts)
+    found = best_timing(held, parts)
     if moving:
         assert found.candidate.interpolation == LINEAR
         assert found.error < 1.05 * 0.05 < held.error
@@ -84,7 +84,7 @@ def test_a_timing_that_was_left_at_an_edge_is_searched_again_from_the_stamps():
                  (place('saturation', 'command', limit, plant),), {'command': -0.01}, substeps=2)
     left = unsearched(late, parts)
     assert left.at_bound() == ['timing:command']
-    found = best_interpolation(left, parts)
+    found = best_timing(left, parts)
     assert found.cost < 0.9 * left.cost
     assert found.candidate.values['tau'] == pytest.approx(0.006, rel=0.1)
     assert abs(found.candidate.timing['command']) < 1e-3
