@@ -151,10 +151,10 @@ def test_excavator(joint: str, shell: Shell, tmp_path: Path) -> None:
     found = shell('trace', tmp_path / joint, '--plant', 'cylinder', '-o', tmp_path / 'out')
     effects = {effect['id']: effect['parameters'] for effect in found['effects']}
     # Beside the dead zone a limit, which nothing that is known of the machine excludes; and for
-    # the bucket, as the page has it, the change between its logs, or a lag, said to be improbable.
+    # the bucket, as the page has it, a lag, said to be improbable.
     assert 'dead_zone' in effects
     assert set(effects) <= {'dead_zone', 'rate_limit', 'saturation'} | (
-        {'drift', 'lag'} if joint == 'bucket' else set())
+        {'lag'} if joint == 'bucket' else set())
     assert all(effect['probability'] < 0.5 for effect in found['effects']
                if effect['id'] == 'lag')
     zone = effects['dead_zone']

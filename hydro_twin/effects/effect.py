@@ -219,7 +219,9 @@ class Effect:
 
     def unit(self, parameter: EffectParameter, port: Port) -> str:
         """Write the unit of a parameter at a port."""
-        names = {'value': port.unit, **port.signals}
+        # A law may have a position of its own where the port has none, as that of a load.
+        moved = port.signals.get('velocity', '').removesuffix('/s')
+        names = {'value': port.unit, 'position': moved, **port.signals}
         parts = parameter.unit.split('/')
         written = [names.get(part.removesuffix('^2'), part.removesuffix('^2'))
                    + ('^2' if part.endswith('^2') else '') for part in parts]

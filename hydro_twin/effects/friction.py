@@ -70,7 +70,8 @@ def starts(span: Span) -> Starts:
 def refined(span: Span, values: tuple[float, ...]) -> Starts:
     """Bristles, then a force to break away, then both; then creep.
 
-    Bristles only where the port has a position, which says how stiff they may be.
+    Bristles only where the port has a position, which says how stiff they may be. Stribeck's
+    velocity is hard to find from afar, so both start from slow, medium and fast ones.
     """
     F_c = values[0]
     v_s = 0.05 * span.signals['velocity']
@@ -78,9 +79,10 @@ def refined(span: Span, values: tuple[float, ...]) -> Starts:
     creep = (F_c, 0.0, 1.0, math.inf, v_s)
     if 'position' not in span.signals:
         return [*rigid, creep]
-    sigma = F_c / (0.01 * span.signals['position'])
-    return [(F_c, 0.0, 1.0, sigma, 0.0),
-            *rigid, (F_c, 0.3 * F_c, v_s, sigma, 0.0), creep]
+    fitted = math.isfinite(values[3])
+    sigma = values[3] if fitted else F_c / (0.01 * span.signals['position'])
+    return [(F_c, 0.0, 1.0, sigma, 0.0), *rigid,
+            *((F_c, 0.3 * F_c, share * v_s, sigma, 0.0) for share in (0.4, 2.0, 8.0)), creep]
 
 
 def distinguishable(span: Span, values: tuple[float, ...]) -> bool:

@@ -27,6 +27,7 @@ AT_END = 0.05           # share of the travel at either end that counts as the e
 LEAST = 10              # samples between them that say how it moves
 STANDS = 0.5            # least share at the ends from which a recording mostly stands there
 HORIZON = 10.0          # [s], longest window: some strokes of a cylinder, few of a slow one
+SHORTER = 8             # times: a constant force that is lacking moves a mass by a 64th as much
 OF_START = 1.2          # free run over horizon, errors beyond which the difference is no chance
 
 
@@ -51,6 +52,16 @@ def horizon_windows(parts: Sequence[Part], plant: Plant, sample_time: float) -> 
     least = least_samples(plant, sample_time)
     longest = max(round(min(HORIZON, plant.horizon) / sample_time), least)
     return windows(parts, longest, least, sample_time)
+
+
+def short_windows(model: Model, parts: Sequence[Part]) -> list[Part]:
+    """Cut the windows of a plant that integrates into shorter ones; none where that cannot be."""
+    if not model.plant.integrates:
+        return []
+    least = least_samples(model.plant, model.sample_time)
+    short = [window for part in parts for window in windows(
+        [part], len(part.measured) // SHORTER, least, model.sample_time)]
+    return short if len(short) > len(parts) else []
 
 
 def between_ends(parts: Sequence[Part], sample_time: float) -> list[Part]:

@@ -20,7 +20,7 @@ from dataclasses import replace
 
 from hydro_twin.effects import Placed
 from hydro_twin.fitting.fit import Fit
-from hydro_twin.fitting.horizon import windows
+from hydro_twin.fitting.horizon import short_windows, windows
 from hydro_twin.fitting.parts import least_samples, movement, Part
 from hydro_twin.inference.context import Context
 from hydro_twin.inference.criterion import CLEAR_DELTA_BIC, delta_bic
@@ -32,7 +32,6 @@ from hydro_twin.inference.starts import with_other
 from hydro_twin.inference.stepwise import LATER
 from hydro_twin.model import Model
 
-SHORTER = 8             # times: a constant force that is lacking moves a mass by a 64th as much
 FOLLOWS = 0.25          # error over the movement within the windows, below which a run follows it
 
 
@@ -48,7 +47,7 @@ def from_short_windows(base: Fit, context: Context) -> list[Model]:
         or has no place for one.
     """
     candidate = base.candidate
-    short = _short_windows(candidate, context.parts)
+    short = short_windows(candidate, context.parts)
     if not short or not any(effect.periodic for effect, _ in places(
             candidate.plant, candidate.effects)):
         return []
@@ -114,7 +113,7 @@ def with_rivals_of_short_windows(selection: Selection, context: Context) -> Sele
     only one. Rivals with a state of their own are excluded: its free initial value favours them.
     """
     candidate = selection.fit.candidate
-    short = _short_windows(candidate, context.parts) if selection.findings else []
+    short = short_windows(candidate, context.parts) if selection.findings else []
     if not short:
         return selection
     context.progress('comparing on short windows')
@@ -135,13 +134,3 @@ def with_rivals_of_short_windows(selection: Selection, context: Context) -> Sele
             ((placed, 0.0 if placed in better else distance)
              for placed, distance in found.rivals), key=lambda rival: rival[1]))))
     return replace(selection, findings=tuple(findings))
-
-
-def _short_windows(candidate: Model, parts: Sequence[Part]) -> list[Part]:
-    """Cut the windows of the data into shorter ones; none where that cannot be, or need not."""
-    if not candidate.plant.integrates:
-        return []
-    least = least_samples(candidate.plant, candidate.sample_time)
-    short = [window for part in parts for window in windows(
-        [part], len(part.measured) // SHORTER, least, candidate.sample_time)]
-    return short if len(short) > len(parts) else []

@@ -3,46 +3,65 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
-from itertools import chain, pairwise
+from itertools import pairwise
 
 import numpy as np
 
-from hydro_twin.fitting.fit import Fit
+from hydro_twin.arrays import IntArray
+from hydro_twin.fitting.fit import Fit, project_out
 from hydro_twin.fitting.parts import Part
-from hydro_twin.inference.criterion import delta_bic
+from hydro_twin.fitting.unknowns import coordinates_of
+from hydro_twin.inference.criterion import CLEAR_DELTA_BIC, delta_bic
 
 
-def is_drift_preferred(drift: Fit, apart: Sequence[Fit]) -> bool:
-    """Whether a drift describes recordings better than a model of its own for each, by BIC.
+def is_drift_preferred(drift: Fit, parts: Sequence[Part]) -> bool:
+    """Whether a drift is clearly better, by BIC, than constants that differ between recordings.
+
+    These are the parameter that drifts, or all parameters, with a value for each recording. They
+    only miss what the drift changes within a recording, so the model is linearised for them.
 
     Args:
-        drift: a fit with a parameter that drifts, to all.
-        apart: those without it, one to each.
+        drift: a fit whose last effect is a parameter that drifts.
+        parts: what it was fitted to.
     """
-    steady, different = delta_bic([drift.main, joined(apart)],
-                                  [drift.free, sum(fit.free for fit in apart)])
-    return steady < different
+    recordings = recording_of(parts, drift.candidate.sample_time)
+    if not recordings.any():
+        return True
+    fit, last = drift.main, len(drift.candidate.effects) - 1
+    port = drift.candidate.effects[last].port.name
+    of_drift = [k for k, unknown in enumerate(fit.unknowns) if unknown.owner == str(last)]
+    parameters = [k for k, unknown in enumerate(fit.unknowns) if unknown.owner == '']
+    apart = [[k for k in parameters if fit.unknowns[k].name == port], parameters]
+    with_drift, *constant = delta_bic(
+        [fit, *(_with_constants(fit, of_drift, some, recordings) for some in apart)],
+        [fit.fitted, *(fit.fitted - len(of_drift) + len(some) * int(recordings[-1])
+                       for some in apart)])
+    return with_drift + CLEAR_DELTA_BIC < min(constant)
 
 
-def by_recording(parts: Sequence[Part], sample_time: float) -> list[list[Part]]:
-    """Group parts that are windows of one recording: there is no gap between them."""
+def recording_of(parts: Sequence[Part], sample_time: float) -> IntArray:
+    """Return the recording of each part, numbered from 0: there is no gap within one."""
     period = 1e9 * sample_time
     gaps = [abs(after.start - before.start - period * len(before.measured)) > 2.0 * period
             for before, after in pairwise(parts)]
-    groups = [[part] for part in parts[:1]]
-    for part, apart in zip(parts[1:], gaps, strict=True):
-        if apart:
-            groups.append([])
-        groups[-1].append(part)
-    return groups
+    return np.cumsum([0, *gaps])
 
 
-def joined(fits: Sequence[Fit]) -> Fit:
-    """Join fits of one model to one recording each: its output, with the unknowns of all."""
-    mains = [fit.main for fit in fits]
-    return replace(
-        mains[0], unknowns=tuple(chain.from_iterable(fit.unknowns for fit in mains)),
-        residual=np.concatenate([fit.residual for fit in mains]),
-        lengths=tuple(chain.from_iterable(fit.lengths for fit in mains)),
-        penalty=sum(fit.penalty for fit in mains),
-        jacobian=np.zeros((sum(len(fit.residual) for fit in mains), 0)))
+def _with_constants(fit: Fit, of_drift: Sequence[int], apart: Sequence[int],
+                    recordings: IntArray) -> Fit:
+    """Replace a drift by a value of some unknowns for each recording.
+
+    Args:
+        fit: with the drift.
+        of_drift: its unknowns; the output is linear in the rate.
+        apart: the unknowns that differ between recordings.
+        recordings: the recording of each part.
+    """
+    rate = next(k for k in of_drift if fit.unknowns[k].name == 'rate')
+    contribution = fit.jacobian[:, rate] * coordinates_of(fit.candidate, fit.unknowns)[rate]
+    common = sorted({*range(len(fit.unknowns))} - {*of_drift, *apart})
+    rows = np.repeat(recordings, fit.lengths)
+    columns = [fit.jacobian[:, common], *(
+        fit.jacobian[:, apart] * (rows == k)[:, None] for k in range(rows[-1] + 1))]
+    basis = np.linalg.qr(np.column_stack(columns))[0]
+    return replace(fit, residual=project_out(fit.residual + contribution, basis))

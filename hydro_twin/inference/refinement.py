@@ -9,6 +9,7 @@ import numpy as np
 
 from hydro_twin.effects import Placed
 from hydro_twin.fitting.fit import Fit
+from hydro_twin.fitting.horizon import short_windows
 from hydro_twin.fitting.parts import Part
 from hydro_twin.fitting.unknowns import label
 from hydro_twin.inference.criterion import CLEAR_DELTA_BIC, refinement_gain
@@ -42,6 +43,7 @@ def refine(fits: Sequence[Fit], parts: Sequence[Part], index: int = -1,
         by_homotopy: whether forms that stick are searched by homotopy, see `search_sticking`.
     """
     formed = [_forms(fit, parts, index) for fit in fits]
+    formed = [[*forms, *_from_short_windows(forms, parts, index)] for forms in formed]
     short = search_all([form for forms in formed for form in forms], parts, SHORT)
     if by_homotopy:
         short = search_all_sticking(list(short), parts)
@@ -65,6 +67,18 @@ def refine(fits: Sequence[Fit], parts: Sequence[Part], index: int = -1,
                for form, fit in zip(refined, fits, strict=True)]
     return [form if form is fit or is_distinguishable(form, parts, index) else plain
             for form, fit, plain in zip(refined, fits, simple, strict=True)]
+
+
+def _from_short_windows(forms: Sequence[Model], parts: Sequence[Part], index: int
+                        ) -> list[Model]:
+    """Fit forms of a law that sticks to shorter windows, where the plant integrates.
+
+    Whether and when a mass breaks away moves all that follows, so that the error of a long run
+    has many minima.
+    """
+    sticking = [form for form in forms if form.effects[index].effect.implicit]
+    windows = short_windows(sticking[0], parts) if sticking else []
+    return [fit.candidate for fit in search_all(sticking, windows, SHORT)] if windows else []
 
 
 def unrefined_if_same(fit: Fit, parts: Sequence[Part], index: int) -> Fit:

@@ -15,14 +15,13 @@ from hydro_twin.fitting.parts import Part
 from hydro_twin.fitting.problem import Problem
 from hydro_twin.fitting.whiteness import is_white
 from hydro_twin.inference.criterion import CLEAR_DELTA_BIC, delta_bic
-from hydro_twin.inference.drift_choice import by_recording, is_drift_preferred
+from hydro_twin.inference.drift_choice import is_drift_preferred
 from hydro_twin.inference.noise import cannot_be_noise
 from hydro_twin.inference.refinement import is_distinguishable, refine
 from hydro_twin.inference.screen import places, ScoredEffect, screen, spans
 from hydro_twin.inference.search import (
     LONG,
     problems_of,
-    search,
     search_all,
     search_all_sticking,
     SHORT,
@@ -231,7 +230,7 @@ def fit_to_convergence(base: Fit, ranked: Sequence[Fit], parts: Sequence[Part],
         done += search_all(moved, parts, LONG)
     fits = [fit for fit in best_at_each_place([*done, *left])
             if is_distinguishable(fit, parts)]
-    if fits and _drifts(fits[0]) and not _is_drift_preferred(fits[0], parts):
+    if fits and _drifts(fits[0]) and not is_drift_preferred(fits[0], parts):
         fits = [fit for fit in fits if not _drifts(fit)]
     return best_by_criterion(fits) if fits else []
 
@@ -246,14 +245,6 @@ def best_by_criterion(fits: Sequence[Fit]) -> list[Alternative]:
 def _drifts(fit: Fit) -> bool:
     """Whether the last effect of a fit is a parameter that drifts."""
     return fit.candidate.effects[-1].effect.course is not None
-
-
-def _is_drift_preferred(drift: Fit, parts: Sequence[Part]) -> bool:
-    """Compare a drift with a model of its own for each recording; see `is_drift_preferred`."""
-    bare = drift.candidate.without(-1)
-    each = by_recording(parts, bare.sample_time)
-    return len(each) == 1 or is_drift_preferred(
-        drift, [search(bare, some, SHORT) for some in each])
 
 
 def simplest_first(alternatives: list[Alternative], scores: Sequence[float]) -> list[Alternative]:

@@ -70,20 +70,23 @@ def _opened(path: Path, table_map: TableMap
             ) -> Iterator[tuple[Iterator[str], list[str], str | None]]:
     """Open a text file; yield its rows, the names of its columns, and what separates them.
 
-    That is ',', ';' or a tab, whichever is there; None stands for blanks. A first line of numbers
-    with decimal commas does not show whether commas separate them, too: they do not.
+    That is ',', ';' or a tab, whichever is in the header or, without one, in the first row that is
+    used; None stands for blanks. A line of numbers with decimal commas does not show whether
+    commas separate them, too: they do not.
     """
     header = table_map.header
     separators = ',;\t' if header or table_map.decimal == '.' else ';\t'
     with (gzip.open(path, 'rt', encoding='utf-8-sig') if path.suffix.lower() == '.gz'
           else path.open(encoding='utf-8-sig')) as file:
-        line = file.readline()
+        rows: Iterator[str] = filter(str.strip, file)
+        first = [next(file, '')] if header else list(islice(rows, table_map.rows[0]))
+        line = first[-1] if first else ''
         delimiter = max(separators, key=line.count)
         separator = delimiter if delimiter in line else None
-        names, rows = _cells(line.lstrip('#') if header else line, separator), iter(file)
+        names = _cells(line.lstrip('#') if header else line, separator)
         if not header:
-            names, rows = [str(k + 1) for k in range(len(names))], chain([line], file)
-        yield filter(str.strip, rows), names, separator
+            names, rows = [str(k + 1) for k in range(len(names))], chain(first, rows)
+        yield rows, names, separator
 
 
 def _cells(line: str, separator: str | None) -> list[str]:

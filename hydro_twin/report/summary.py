@@ -22,7 +22,7 @@ from hydro_twin.result import (
     WINDOWS,
 )
 
-EVEN = 0.5              # probability that nothing is missing, up to which it is not said to be so
+EVEN = 0.5              # probability from which a statement is more likely right than wrong
 COUNTED = 1000.0        # times the noise, beyond which a sentence gives no number: the noise of a
 #                         coarse encoder is almost nothing while it stands still
 DIFFERS = 'which was not fitted; the first third of each differs from the rest'
@@ -148,7 +148,10 @@ def _named(effect: NamedEffect, model: Model) -> str:
         text += f' ({_changes(effect.placed, effect.placed.effect.course, model)})'
     if effect.close:
         text = f'{text} (or {" or ".join(name.replace("_", " ") for name in effect.close)})'
-    return text if effect.certain else f'something that behaves like {text}'
+    if effect.certain:
+        return text
+    unknown = effect.law_unknown > EVEN
+    return f'something {"unexplained, most like" if unknown else "that behaves like"} {text}'
 
 
 def _changes(placed: Placed, course: Course, model: Model) -> str:

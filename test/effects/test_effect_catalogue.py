@@ -105,13 +105,14 @@ def test_units_are_written_out(site):
     for p in effect.parameters:
         unit = effect.unit(p, port)
         assert unit
-        assert not any(name in unit for name in ('value', *port.signals))
+        assert not any(name in unit for name in ('value', 'position', 'velocity'))
+        assert not any(name in unit for name in port.signals)
 
 
 def test_units_of_a_port():
-    def unit(identifier, name):
+    def unit(identifier, name, of='load_simulator'):
         return next(effect.unit(p, port) for plant, effect, port in SITES
-                    if plant.name == 'load_simulator' and effect.id == identifier
+                    if plant.name == of and effect.id == identifier
                     for p in effect.parameters if p.name == name)
 
     assert unit('friction', 'coulomb') == 'N m'
@@ -121,6 +122,7 @@ def test_units_of_a_port():
     assert unit('stiffening', 'cubic') == '1/rad^2'
     assert unit('rate_limit', 'limit') == 'm/s'
     assert unit('delay', 'time') == 's'
+    assert unit('flexible_load', 'stiffness', of='drive') == 'N m/rad'
 
 
 def test_ripple_is_told_from_a_bias_only_by_a_tenth_of_a_period():

@@ -63,6 +63,11 @@ def test_columns_without_names_are_counted(tmp_path):
         np.testing.assert_allclose(series[name], values, rtol=1e-12)
     with pytest.raises(UserError, match="header must be true or false, not 'no'"):
         table_map(tmp_path, MAP + "header: 'no'\n")
+    path.write_text('# ramp, 1 of 2, by hand\n\n# t, speed\n'
+                    + CSV.partition('\n')[2].replace(',', '\t'))
+    (below,) = read_table(path, table_map(tmp_path, numbered + 'header: false\nrows: [3, null]\n'))
+    assert len(below) == len(series)
+    np.testing.assert_array_equal(below['x'], series['x'])
 
 
 @pytest.mark.parametrize('separator', [';', '\t', '   '])

@@ -59,6 +59,16 @@ def test_where_nothing_is_missing_it_is_said_of_which_model(nothing):
     assert 'the model it started from leaves' in sentence(started)
 
 
+@pytest.mark.parametrize(('unknown', 'says'), [
+    (0.005, 'The model lacks friction at the motor: '),
+    (0.15, 'The model lacks something that behaves like friction at the motor: '),
+    (0.65, 'The model lacks something unexplained, most like friction at the motor: ')])
+def test_how_sure_a_name_is_is_said(found, unknown, says):
+    (friction,) = found.effects
+    friction = replace(friction, law_unknown=unknown, probability=1.0 - unknown)
+    assert sentence(replace(found, effects=(friction,))).startswith(says)
+
+
 def test_a_run_that_diverges_is_reported_and_nothing_is_lost(found, tmp_path):
     errors = {when: {mode: dict(parts) for mode, parts in modes.items()}
               for when, modes in found.before.errors.items()}
