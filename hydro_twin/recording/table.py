@@ -116,8 +116,8 @@ def _report_repeated(path: Path, repeated: IntArray, count: int) -> None:
     """Warn of rows with the time of the row before; refuse where that is no exception."""
     if 2 * len(repeated) >= count:
         raise BagError(f'{path}: {len(repeated)} of {count} rows have the time of the row before, '
-                       f'the first is row {repeated[0]}: where the time column is too coarse, '
-                       "give 'sample_rate' in its place")
+                       f'the first is row {repeated[0]}: if that column is not the time, name '
+                       "another; if it is too coarse, give 'sample_rate' in its place")
     log.warning('%s: %d rows with the time of the row before are left out, the first is row %d',
                 path, len(repeated), repeated[0])
 
