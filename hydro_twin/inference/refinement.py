@@ -43,7 +43,8 @@ def refine(fits: Sequence[Fit], parts: Sequence[Part], index: int = -1,
         by_homotopy: whether forms that stick are searched by homotopy, see `search_sticking`.
     """
     formed = [_forms(fit, parts, index) for fit in fits]
-    formed = [[*forms, *_from_short_windows(forms, parts, index)] for forms in formed]
+    formed = [[*forms, *begun] for forms, begun in zip(
+        formed, _from_short_windows(formed, parts, index), strict=True)]
     short = search_all([form for forms in formed for form in forms], parts, SHORT)
     if by_homotopy:
         short = search_all_sticking(list(short), parts)
@@ -69,16 +70,19 @@ def refine(fits: Sequence[Fit], parts: Sequence[Part], index: int = -1,
             for form, fit, plain in zip(refined, fits, simple, strict=True)]
 
 
-def _from_short_windows(forms: Sequence[Model], parts: Sequence[Part], index: int
-                        ) -> list[Model]:
+def _from_short_windows(formed: Sequence[Sequence[Model]], parts: Sequence[Part], index: int
+                        ) -> list[list[Model]]:
     """Fit forms of a law that sticks to shorter windows, where the plant integrates.
 
     Whether and when a mass breaks away moves all that follows, so that the error of a long run
     has many minima.
     """
-    sticking = [form for form in forms if form.effects[index].effect.implicit]
-    windows = short_windows(sticking[0], parts) if sticking else []
-    return [fit.candidate for fit in search_all(sticking, windows, SHORT)] if windows else []
+    sticking = [[form for form in forms if form.effects[index].effect.implicit]
+                for forms in formed]
+    every = [form for forms in sticking for form in forms]
+    windows = short_windows(every[0], parts) if every else []
+    fits = search_all(every if windows else [], windows, SHORT)
+    return [[fit.candidate for fit in islice(fits, len(forms))] for forms in sticking]
 
 
 def unrefined_if_same(fit: Fit, parts: Sequence[Part], index: int) -> Fit:

@@ -54,7 +54,7 @@ def test_a_mass_that_sticks_is_fitted_to_the_noise(seed: int, stalls: bool) -> N
 
 @pytest.mark.parametrize('by_homotopy', [False, True])
 def test_a_breakaway_is_found_from_sliding_friction(by_homotopy: bool) -> None:
-    """Only from forms of several Stribeck velocities: from one the free search ends above it."""
+    """With homotopy and, from forms of several Stribeck velocities, without it."""
     rig = case_of(FRICTION_AND_SATURATION).rig()
     train, _ = split(rig.recording())
     parts = parts_of(train, LOAD_SIMULATOR)
