@@ -175,7 +175,7 @@ class Plant:
     equations: Equations
     at_rest: tuple[str, ...]
     start_up: float
-    combinations: tuple[Mapping[str, int], ...] = ()
+    combinations: tuple[Mapping[str, int], ...] = field(default=(), hash=False)
     output_scale: float = 1.0
     closed_form: ClosedForm | None = None
     commanded: tuple[str, ...] = ()

@@ -316,23 +316,18 @@ def output_each(step, x, z, work, inputs, y):  # type: ignore[no-untyped-def]
 
 
 @compiled
-def respond(M, substeps, work, response):  # type: ignore[no-untyped-def]
+def respond(Phi, response):  # type: ignore[no-untyped-def]
     """Fill response (N, n) from its first row on, with how the output follows each state.
 
-    By the linear laws: a row is the one before it, times Phi for each substep.
+    By the linear laws: a row is the one before it, times Phi (n, n) of a sample.
     """
-    n = len(M)
+    n = len(Phi)
     for k in range(1, len(response)):
-        now = response[k]
         for i in range(n):
-            now[i] = response[k - 1, i]
-        for _ in range(substeps):
-            for i in range(n):
-                work[0, i] = now[i]
+            value = 0.0
             for j in range(n):
-                now[j] = 0.0
-                for i in range(n):
-                    now[j] += work[0, i] * M[i, j]
+                value += response[k - 1, j] * Phi[j, i]
+            response[k, i] = value
 
 
 @compiled

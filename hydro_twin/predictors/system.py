@@ -3,7 +3,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property
+from functools import cached_property, lru_cache
 from itertools import groupby, pairwise
 import math
 from typing import Any
@@ -159,9 +159,10 @@ class System:
 
     def free_response(self, samples: int) -> FloatArray:
         """Response of the output to each initial state by the linear laws, (samples, n)."""
-        response = np.empty((samples, len(self.laws.A)))
+        n = len(self.laws.A)
+        response = np.empty((samples, n))
         response[:1] = self.laws.C[:1]
-        kernel.respond(self.step.M, self.step.substeps, self.work(), response)
+        kernel.respond(np.linalg.matrix_power(self.step.M[:, :n], self.step.substeps), response)
         return response
 
     def run(self, inputs: FloatArray, x: FloatArray, z: FloatArray | None = None,
@@ -332,7 +333,6 @@ def _at_times(now: System, times: FloatArray, effects: Sequence[Placed]) -> Iter
 def _assemble(plant: Plant, values: Mapping[str, float], effects: Sequence[Placed], T: float,
               substeps: int, timing: Mapping[str, float], interpolation: str) -> System:
     """Make a system of parameters that do not change."""
-    laws = plant.laws(values)
     late = np.array([timing.get(signal.name, 0.0) for signal in plant.inputs]) / T
     command = np.array([signal.held for signal in plant.inputs])
     at_port = sorted((placed for placed in effects if placed.effect.law is not None),
@@ -357,9 +357,9 @@ def _assemble(plant: Plant, values: Mapping[str, float], effects: Sequence[Place
     steps = substeps if entries or (late % 1.0).any() else 1
     active = sorted({plant.ports.index(placed.port) for placed in at_port
                      if not placed.effect.implicit})
+    laws, M, H = linear_step(plant, tuple(values.items()), T / steps)
     step = Step(
-        M=discretise(laws, T / steps),
-        H=port_rows(laws),
+        M=M, H=H,
         effects=np.array(entries, dtype=ENTRY), active=np.array(active, dtype=np.int64),
         p=np.array(p, dtype=np.float64), shift=late, held=command & (interpolation == HOLD),
         substeps=steps, sample_time=T, sensors=len(laws.port_x) + len(laws.signal_x))
@@ -368,6 +368,14 @@ def _assemble(plant: Plant, values: Mapping[str, float], effects: Sequence[Place
                   placed=tuple(at_port),
                   begins=tuple(begin.get(id(placed), -1) for placed in effects),
                   values=values)
+
+
+@lru_cache(maxsize=8)   # most candidates of a trace share their parameters
+def linear_step(plant: Plant, values: tuple[tuple[str, float], ...], h: float
+                ) -> tuple[Laws, FloatArray, FloatArray]:
+    """Return the linear laws of a plant, and M and H of a step of h [s], see `Step`."""
+    laws = plant.laws(dict(values))
+    return laws, discretise(laws, h), port_rows(laws)
 
 
 def port_rows(laws: Laws) -> FloatArray:
