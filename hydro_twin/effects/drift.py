@@ -67,7 +67,7 @@ def slopes(values: Values, time: FloatArray) -> FloatArray:
 
 def interval(values: Values) -> tuple[float, float]:
     """Return the stamps [s] between which the parameter changes."""
-    return values[3], values[4]
+    return values[3] + values[1], values[4]
 
 
 def starts(_: Span) -> Starts:

@@ -166,7 +166,7 @@ def _over_time(fit: Fit, placed: Placed, course: Course, parts: Sequence[Part]) 
 
     The latter by least squares on what the model leaves, whitened, with all other unknowns free.
     """
-    fit, (begin, end) = fit.main, course.interval(placed.values)
+    fit, begin, end = fit.main, placed.named['begin'], placed.named['end']
     last = fit.candidate.values[placed.port.name]
 
     def value(time: FloatArray) -> FloatArray:

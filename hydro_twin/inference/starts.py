@@ -13,10 +13,12 @@ from hydro_twin.fitting.horizon import between_ends
 from hydro_twin.fitting.output_error import initial_states, residuals_from, size_of
 from hydro_twin.fitting.parts import Part
 from hydro_twin.inference.screen import places, ScoredEffect, spans
-from hydro_twin.inference.structure import drift_rates, drift_test, is_drift_significant
+from hydro_twin.inference.structure import drift_test, drifts, is_drift_significant
 from hydro_twin.model import Model, place
 from hydro_twin.parallel import in_processes
 
+AT_ONCE = 0.05          # time constant of a jump at the start of a search, over the recording: a
+#                         search moves the jump by about as much, and most starts are nearer to it
 AGAIN = 5               # effects with the best scores that are searched from more than one start
 
 
@@ -51,20 +53,28 @@ def linear_starts(candidate: Model, parts: Sequence[Part]) -> list[Model]:
 
 def drift_starts(base: Fit, parts: Sequence[Part], times: tuple[float, float]
                  ) -> list[Model]:
-    """Let each parameter drift at the rate estimated from the residual, if there is a drift.
+    """Let each parameter drift or jump as estimated from the residual, if there is a drift.
 
     The total change is limited to its value: for a parameter that the recording hardly determines,
-    the estimated rate may be arbitrarily large.
+    the estimate may be arbitrarily large.
     """
     if not is_drift_significant(drift_test(base, parts)):
         return []
-    fastest, plant = (1.0 - LEAST) / (times[1] - times[0]), base.candidate.plant
-    rates = {name: min(max(rate, -fastest), fastest)
-             for name, rate in drift_rates(base, parts).items()}
-    return [with_effect(base.candidate, place(effect.id, port.name, {
-                'rate': rates[port.name], 'begin': times[0], 'end': times[1]}, plant))
-            for effect, port in places(plant, base.candidate.effects, parameters=True)
-            if effect.course is not None and rates.get(port.name)]
+    begin, end = times
+    first = 1e-9 * min(part.start for part in parts)
+    plant, found = base.candidate.plant, drifts(base, parts)
+    models = []
+    for effect, port in places(plant, base.candidate.effects, parameters=True):
+        if effect.course is None or port.name not in found:
+            continue
+        change, jump = found[port.name]
+        idle = 0.0 if jump is None else first + jump - begin
+        settles = {} if jump is None else {
+            'idle': idle, 'time_constant': AT_ONCE * (end - begin)}
+        models.append(with_effect(base.candidate, place(effect.id, port.name, {
+            'rate': min(max(change, LEAST - 1.0), 1.0 - LEAST) / (end - begin - idle),
+            'begin': begin, 'end': end, **settles}, plant)))
+    return models
 
 
 def with_each(linear: Model, parts: Sequence[Part]) -> list[Model]:

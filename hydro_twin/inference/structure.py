@@ -24,6 +24,7 @@ from hydro_twin.result import Dependence
 LEVEL = 0.01            # of the test, for all dependences together
 WORTH = 0.01            # least share that is reported
 DRIFTS = 0.05           # least share of a drift that is reported
+JUMPS = 7               # times at which a parameter may jump, to start a search at
 
 
 def to_output(candidate: Model) -> DifferenceEquation:
@@ -82,13 +83,40 @@ def free_curves(fit: Fit, parts: Sequence[Part]) -> list[Dependence]:
 
 
 def drift_test(fit: Fit, parts: Sequence[Part]) -> tuple[float, float]:
-    """Share and p-value of a drift of the parameters: the tangent times time as columns."""
+    """Share and p-value of a change of the parameters with time: tangents times courses.
+
+    In a straight line, or at once at the best of some times, whichever explains more.
+    """
     fit = fit.main
-    basis = fit.tangent_basis
-    time = times(fit, parts)
-    columns = fit.jacobian * (time - time.mean())[:, None]
-    _, share, p_value = explained(columns, fit.residual, basis)
-    return share, p_value
+    basis, time = fit.tangent_basis, times(fit, parts)
+    residual = project_out(fit.residual, basis)
+
+    def columns(course: FloatArray) -> FloatArray:
+        return fit.jacobian * (course - course.mean())[:, None]
+
+    def explains(course: FloatArray) -> float:
+        found = np.linalg.qr(project_out(columns(course), basis))[0].T @ residual
+        return float(found @ found)
+
+    line, *jumps = (course for _, course in _courses(time))
+    tests = [explained(columns(course), fit.residual, basis)[1:]
+             for course in (line, max(jumps, key=explains))]
+    (share, p_value), (of_jump, p_jump) = tests
+    p_jump = min(1.0, len(jumps) * p_jump)
+    return (of_jump, p_jump) if is_drift_significant((of_jump, p_jump)) and of_jump > share else (
+        share, p_value)
+
+
+def _courses(time: FloatArray) -> list[tuple[float | None, FloatArray]]:
+    """List ways in which a parameter may go to its last value, as shares of the change left.
+
+    Returns:
+        When it jumps [s], None for a straight line, and the course, (N,), from -1 to 0.
+    """
+    first, last = time.min(), time.max()
+    at = first + (last - first) * np.arange(1, JUMPS + 1) / (JUMPS + 1)
+    return [(None, (time - last) / (last - first)),
+            *((float(jump), -1.0 * (time < jump)) for jump in at)]
 
 
 def times(fit: Fit, parts: Sequence[Part]) -> FloatArray:
@@ -100,24 +128,29 @@ def times(fit: Fit, parts: Sequence[Part]) -> FloatArray:
         for part in parts])
 
 
-def drift_rates(fit: Fit, parts: Sequence[Part]) -> dict[str, float]:
-    """Say at which rate each parameter of the plant would have to drift by itself.
+def drifts(fit: Fit, parts: Sequence[Part]) -> dict[str, tuple[float, float | None]]:
+    """Say how each parameter of the plant would have to drift by itself.
 
     Returns:
-        Change a second over the value at the end, least squares on the residual of the fit, of
-        each parameter that was fitted.
+        Change in all over the value at the end, least squares on the residual of the fit, of each
+        parameter that was fitted, and when it jumps [s] from the first sample, None where a
+        straight line explains more.
     """
     fit = fit.main
-    basis = fit.tangent_basis
-    time = times(fit, parts)
+    basis, time = fit.tangent_basis, times(fit, parts)
     residual = project_out(fit.residual, basis)
-    rates = {}
+    found = {}
     for unknown, slope in zip(fit.unknowns, fit.jacobian.T, strict=True):
-        if unknown.owner == '':
-            column = project_out(slope * (time - time.max()), basis)
-            size = float(column @ column)
-            rates[unknown.name] = float(column @ residual) / size if size > 0.0 else 0.0
-    return rates
+        if unknown.owner != '':
+            continue
+        best = 0.0
+        for jump, course in _courses(time):
+            column = project_out(slope * course, basis)
+            size, along = float(column @ column), float(column @ residual)
+            if size > 0.0 and along**2 / size > best:
+                best = along**2 / size
+                found[unknown.name] = along / size, jump
+    return found
 
 
 def is_drift_significant(found: tuple[float, float]) -> bool:

@@ -22,7 +22,8 @@ HOLD, LINEAR = 'hold', 'linear'     # how commands go from sample to sample
 NEWTON = 20             # steps to the state at rest, at most
 BEYOND = 1e30           # any edge
 STAGES = 64             # of a drift, at most; half of one is the largest error
-STAGE = 0.01            # relative change of a parameter in a stage, where fewer do
+STAGE = 0.01            # change of a parameter in a stage, over its last value, where fewer do
+TIMES = 4096            # at which a course is evaluated: to place 64 stages in a jump, too
 
 
 @dataclass(frozen=True)
@@ -296,14 +297,18 @@ def assemble(plant: Plant, values: Mapping[str, float], effects: Sequence[Placed
     if not courses:
         return now
     begins, ends = zip(*(course.interval(drift) for course, drift in courses), strict=True)
-    change = sum(abs(math.log(course.factor(drift, begin)))
-                 for (course, drift), begin in zip(courses, begins, strict=True))
+    time = np.linspace(min(begins), max(ends), TIMES + 1)
+    # A jump gets as many stages as a slow drift; and a parameter that does not move yet, one.
+    change = STAGE * np.linspace(0.0, 1.0, TIMES + 1)
+    for course, drift in courses:
+        change[1:] += np.cumsum(np.abs(np.diff(course.factor(drift, time))))
     # A power of two, so that the number seldom changes while a rate is searched.
-    stages = min(STAGES, 2 ** max(0, math.ceil(math.log2(max(change, STAGE) / STAGE))))
-    edges = np.linspace(min(begins), max(ends), stages + 1)
-    then = _at_times(now, 0.5 * (edges[:-1] + edges[1:]), effects)
+    stages = min(STAGES, 2 ** math.ceil(math.log2(change[-1] / STAGE)))
+    edges = np.interp(np.linspace(0.0, change[-1], stages + 1), change, time)
+    before = 2.0 * edges[0] - edges[1]
+    then = _at_times(now, np.append(before, 0.5 * (edges[:-1] + edges[1:])), effects)
     return replace(now, earlier=tuple(
-        (round(1e9 * end), system) for end, system in zip(edges[1:].tolist(), then, strict=True)))
+        (round(1e9 * end), system) for end, system in zip(edges.tolist(), then, strict=True)))
 
 
 def _at_times(now: System, times: FloatArray, effects: Sequence[Placed]) -> Iterator[System]:

@@ -23,6 +23,7 @@ from hydro_twin.result import (
 )
 
 EVEN = 0.5              # probability from which a statement is more likely right than wrong
+SETTLED = 3.0           # time constants, in which 95 % of a change are made
 COUNTED = 1000.0        # times the noise, beyond which a sentence gives no number: the noise of a
 #                         coarse encoder is almost nothing while it stands still
 DIFFERS = 'which was not fitted; the first third of each differs from the rest'
@@ -156,13 +157,13 @@ def _named(effect: NamedEffect, model: Model) -> str:
 
 def _changes(placed: Placed, course: Course, model: Model) -> str:
     """Say from what to what a parameter drifts, and when."""
-    begin, end = course.interval(placed.values)
+    since, end = course.interval(placed.values)
     last = model.values[placed.port.name]
-    first = last * float(course.factor(placed.values, begin))
-    idle = placed.named['idle']
-    since = f'from {_short(idle)} s on, ' if idle else ''
-    return (f'{since}from {_short(first)} to {_short(last)} {placed.port.unit} in '
-            f'{_short(end - begin - idle)} s')
+    first = last * float(course.factor(placed.values, since))
+    idle, settled = placed.named['idle'], SETTLED * placed.named['time_constant']
+    after = f'from {_short(idle)} s on, ' if idle else ''
+    return (f'{after}from {_short(first)} to {_short(last)} {placed.port.unit} in '
+            f'{_short(min(end - since, settled))} s')
 
 
 def remainder_sentence(result: TraceResult) -> str:
