@@ -27,7 +27,7 @@ from hydro_twin.inference.held_out import held_out_gain, residuals
 from hydro_twin.inference.search import LONG, search, search_all
 from hydro_twin.inference.select import HOPELESS
 from hydro_twin.inference.stepwise import MIN_EXPLAINED_SHARE
-from hydro_twin.inference.structure import free_curves, is_significant_dependence
+from hydro_twin.inference.structure import free_curves, is_moving_offset, is_significant_dependence
 from hydro_twin.predictors.scores import rms
 from hydro_twin.result import BestNamed, Dependence
 
@@ -42,7 +42,8 @@ def with_curve(selection: Selection, base: Fit, context: Context
                ) -> tuple[Selection, FittedCurve | None, Selection | None]:
     """Look for a free curve beside the named effects, or instead of them.
 
-    Several named effects often imitate one law that has no name.
+    Several named effects often imitate one law that has no name, or an offset that moves with
+    time, which none of these curves can show.
 
     Args:
         selection: the model with the named effects.
@@ -54,6 +55,8 @@ def with_curve(selection: Selection, base: Fit, context: Context
         helps; and the selection with these effects, if it took their place.
     """
     parts, held_out, seed = context.parts, context.held_out, context.seed
+    if is_moving_offset(base, selection.fit, parts):
+        return Selection(base), None, None
     curves = free_curves(selection.fit, parts)
     at_first = curves if selection.fit is base else free_curves(base, parts)
     if selection.findings and _contested(selection, parts, curves, at_first):

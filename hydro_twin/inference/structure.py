@@ -7,6 +7,7 @@ of the residual, beyond re-tuning, is a dependence that the model lacks, whateve
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 from scipy import signal
@@ -16,14 +17,17 @@ from hydro_twin.effects.curve import KNOTS
 from hydro_twin.fitting.fit import Fit, project_out
 from hydro_twin.fitting.parts import Part
 from hydro_twin.fitting.port_signals import explained, simulate_port_signals
+from hydro_twin.inference.criterion import CLEAR_DELTA_BIC, delta_bic
+from hydro_twin.inference.noise import cannot_be_noise
 from hydro_twin.model import Model
 from hydro_twin.plants.difference_equation import DifferenceEquation, from_state_space
 from hydro_twin.predictors.system import discretise
-from hydro_twin.result import Dependence
+from hydro_twin.result import Dependence, TIME
 
 LEVEL = 0.01            # of the test, for all dependences together
 WORTH = 0.01            # least share that is reported
 DRIFTS = 0.05           # least share of a drift that is reported
+SPELLS = 25             # knots over time: an offset that jumps is met to a few per cent
 JUMPS = 7               # times at which a parameter may jump, to start a search at
 
 
@@ -50,7 +54,10 @@ def dependences(fit: Fit, parts: Sequence[Part]) -> list[Dependence]:
     Only dependences are returned that predict blocks of the residual that they were not fitted
     to, better than noise would.
     """
-    return [curve for curve in free_curves(fit, parts) if is_significant_dependence(curve)]
+    found = free_curves(fit, parts)
+    if is_moving_offset(fit, fit, parts):
+        found.append(over_time(fit, parts))
+    return sorted(filter(is_significant_dependence, found), key=lambda d: -d.share)
 
 
 def is_significant_dependence(curve: Dependence) -> bool:
@@ -80,6 +87,49 @@ def free_curves(fit: Fit, parts: Sequence[Part]) -> list[Dependence]:
         found.append(Dependence(candidate.plant.ports[port], name, share,
                                 min(1.0, p_value * len(groups)), knots, weights))
     return sorted(found, key=lambda d: -d.share)
+
+
+def over_time(fit: Fit, parts: Sequence[Part]) -> Dependence:
+    """Say what an offset of the output that changes with time explains.
+
+    As where the zero of a sensor or a constant load moves. A slow residual also follows slow
+    signals, by chance, but no better than time.
+    """
+    fit = fit.main
+    knots, columns = _offsets(fit, parts)
+    weights, share, p_value = explained(columns, fit.residual, fit.tangent_basis)
+    return Dependence(fit.candidate.plant.ports[-1], TIME, share, p_value, knots, weights)
+
+
+def is_moving_offset(base: Fit, named: Fit, parts: Sequence[Part]) -> bool:
+    """Whether an offset that moves with time explains all there is, and clearly more than effects.
+
+    By the BIC, all parameters being free to change with it by a little. A slow residual is
+    imitated by many a law, as by a ripple of few periods.
+
+    Args:
+        base: a fit without the effects.
+        named: the same with them, or the base where there are none.
+        parts: what both were fitted to.
+    """
+    fit, (_, columns) = base.main, _offsets(base.main, parts)
+    basis = np.linalg.qr(np.column_stack([fit.tangent_basis, columns]))[0]
+    moving = replace(fit, residual=project_out(fit.residual, basis))
+    apart, then = delta_bic([named.main, moving], [named.main.free, fit.free + columns.shape[1]])
+    return then + CLEAR_DELTA_BIC < apart and not cannot_be_noise(moving.by_part)
+
+
+def _offsets(fit: Fit, parts: Sequence[Part]) -> tuple[FloatArray, FloatArray]:
+    """Return knots over time, (K,), and hat functions over them, whitened, at scored samples.
+
+    These are (N, K), for K up to `SPELLS`.
+    """
+    time = _times(parts, fit.candidate.sample_time)
+    knots = np.linspace(min(map(np.min, time)), max(map(np.max, time)), SPELLS)
+    columns = np.concatenate([part.whitened(hats(t, knots))[fit.candidate.start_up:]
+                              for part, t in zip(parts, time, strict=True)])
+    met = columns.any(axis=0)       # not where all is held out
+    return knots[met], columns[:, met]
 
 
 def drift_test(fit: Fit, parts: Sequence[Part]) -> tuple[float, float]:
@@ -121,11 +171,15 @@ def _courses(time: FloatArray) -> list[tuple[float | None, FloatArray]]:
 
 def times(fit: Fit, parts: Sequence[Part]) -> FloatArray:
     """Return the stamp of every sample scored, from the first [s]."""
-    candidate, first = fit.candidate, min(part.start for part in parts)
-    return np.concatenate([
-        1e-9 * (part.start - first)
-        + candidate.sample_time * np.arange(candidate.start_up, len(part.measured))
-        for part in parts])
+    return np.concatenate([time[fit.candidate.start_up:]
+                           for time in _times(parts, fit.candidate.sample_time)])
+
+
+def _times(parts: Sequence[Part], sample_time: float) -> list[FloatArray]:
+    """Return the stamps of each part, from the first sample of all [s]."""
+    first = min(part.start for part in parts)
+    return [1e-9 * (part.start - first) + sample_time * np.arange(len(part.measured), dtype=float)
+            for part in parts]
 
 
 def drifts(fit: Fit, parts: Sequence[Part]) -> dict[str, tuple[float, float | None]]:

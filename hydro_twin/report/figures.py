@@ -26,7 +26,15 @@ from hydro_twin.report.chart import (
     View,
 )
 from hydro_twin.report.summary import effect_estimates, meaning
-from hydro_twin.result import Dependence, NamedEffect, OverTime, Profile, Shape, TraceResult
+from hydro_twin.result import (
+    Dependence,
+    NamedEffect,
+    OverTime,
+    Profile,
+    Shape,
+    TIME,
+    TraceResult,
+)
 
 POINTS = 24_000         # of one curve, over all parts together
 SEGMENT = 1024          # samples, of a spectrum
@@ -160,7 +168,8 @@ def _signal(port: Port, signal: str) -> tuple[str, str]:
 def _dependence(found: Dependence) -> Illustration:
     """Show a free curve at a port that explains some of what is left."""
     port = found.port
-    what, x_label = _signal(port, found.signal)
+    what, x_label = (('time', 'time [s]') if found.signal == TIME else
+                     _signal(port, found.signal))
     return Illustration(
         f'left_{port.name}_{port.kind}_{found.signal}',
         f'Found, not explained: {what} at the {port.name}',

@@ -18,6 +18,7 @@ from hydro_twin.result import (
     SERIES,
     SIXTH,
     THIRD,
+    TIME,
     TraceResult,
     WINDOWS,
 )
@@ -204,6 +205,9 @@ def _dependence(left: Remainder) -> list[str]:
     if not left.depends_on:
         return []
     first = left.depends_on[0]
+    if first.signal == TIME:
+        much = f'{first.share:.0%} of what is left'
+        return [f'its mean moves with time ({much}), as if a load or the zero of a sensor moved']
     what = over(first.port, first.signal)
     return [f'it depends on the {what} ({first.share:.0%} of what is left)']
 

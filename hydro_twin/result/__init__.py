@@ -17,7 +17,7 @@ from hydro_twin.result.effects import (
     Profile,
     Shape,
 )
-from hydro_twin.result.remainder import Burst, Dependence, Line, Remainder
+from hydro_twin.result.remainder import Burst, Dependence, Line, Remainder, TIME
 from hydro_twin.result.trace_result import (
     Errors,
     Factor,
@@ -41,6 +41,7 @@ __all__ = [
     'SERIES',
     'SIXTH',
     'THIRD',
+    'TIME',
     'WINDOWS',
     'BestNamed',
     'Burst',

@@ -6,13 +6,15 @@ from dataclasses import dataclass
 from hydro_twin.arrays import FloatArray
 from hydro_twin.plants import Port
 
+TIME = 'time'           # signal of what depends on no signal, but changes with time
+
 
 @dataclass(frozen=True)
 class Dependence:
     """What a free curve at one port over one signal explains of a residual.
 
     Attributes:
-        signal: 'value' of the port, or a signal there.
+        signal: 'value' of the port, a signal there, or `TIME` from the first sample [s].
         share: of the residual's power, by cross-validation over blocks of the training part.
         p_value: of the share under noise, for all dependences tried.
         knots, curve: the signal and what is added to the value of the port there.

@@ -18,11 +18,15 @@ from hydro_twin.inference.structure import (
     dependences,
     drift_test,
     hats,
+    is_moving_offset,
     to_output,
 )
-from hydro_twin.model import Model
+from hydro_twin.inference.trace import trace
+from hydro_twin.model import Model, place
 from hydro_twin.plants import PLANTS
 from hydro_twin.predictors.system import assemble
+from hydro_twin.recording.series import Recording
+from hydro_twin.report.summary import remainder_sentence
 
 
 @pytest.fixture(scope='module')
@@ -36,6 +40,35 @@ def test_a_linear_rig_depends_on_nothing(linear):
         for share, p_value in (drift_test(fit, train), predicted_by_ports(fit, train)):
             assert p_value > 0.01
             assert share < 0.01
+
+
+def with_offset(recording, offset):
+    """Add an offset [N m], of time [s], to the torque measured."""
+    return Recording(tuple(replace(one, columns=one.columns | {
+        'T_g': one['T_g'] + offset(1e-9 * (one.stamps - recording.series[0].start))})
+        for one in recording.series))
+
+
+@pytest.mark.parametrize(('offset', 'moves'), [
+    (lambda t: 0.4 * t, True),
+    (lambda t: 4.0 * (t > 12.0), True),
+    (lambda t: 4.0 + 0.0 * t, False)])
+def test_the_zero_of_a_sensor_that_moves(offset, moves):
+    """What follows time may follow a slow signal by chance, but no better."""
+    recorded = with_offset(record(count=3), offset)
+    fit, parts, _ = fitted(recorded)
+    bias = place('bias', 'sensor', {'offset': 1.0}, PLANT)
+    biased = search(replace(fit.candidate, effects=(bias,)), parts, LONG)
+    assert is_moving_offset(fit, biased, parts) == moves
+    found = dependences(biased, parts)
+    assert [one.signal for one in found[:1]] == ['time'] * moves
+
+
+@pytest.mark.slow
+def test_a_law_that_imitates_an_offset_that_moves_is_not_named():
+    found = trace(with_offset(record(count=3), lambda t: 0.4 * t), None, PLANT)
+    assert (found.verdict, found.effects, found.curve) == ('unexplained', (), None)
+    assert 'its mean moves with time' in remainder_sentence(found)
 
 
 @pytest.mark.parametrize('gain', [0.0025, 0.01])
