@@ -14,7 +14,7 @@ from hydro_twin.fitting.autoregression import filtered
 from hydro_twin.plants import Plant
 from hydro_twin.predictors.kernel import LIMIT
 from hydro_twin.predictors.scores import rms
-from hydro_twin.recording.series import Recording, Series
+from hydro_twin.recording.series import Recording
 
 STILL = 0.1             # of the movement of a part: more first samples where it moves less
 LOST = 10.0             # and less than so many times the noise
@@ -34,8 +34,6 @@ class Part:
             there is no stop in between. None: in nothing but the parts that are run over.
         filters: that whiten the noise of output and sensors, as `noise_filter` makes them, so that
             the sum of squares of a residual is its likelihood; none where it is taken as white.
-        recorded: stamps of the first sample [ns] of the uninterrupted series that it was cut from,
-            and of the one after its last; None: of its own.
     """
 
     inputs: FloatArray
@@ -45,7 +43,6 @@ class Part:
     sensors: Mapping[str, FloatArray] = field(default_factory=dict)
     travel: tuple[float, float] | None = None
     filters: tuple[FloatArray, ...] = ()
-    recorded: tuple[int, int] | None = None
 
     def whitened(self, columns: FloatArray) -> FloatArray:
         """Filter a residual of the output, or its derivatives, (N, ...), to white noise."""
@@ -95,7 +92,7 @@ def parts_of(recording: Recording, plant: Plant) -> list[Part]:
         Part(np.column_stack([series[one.name] for one in plant.inputs]),
              np.ascontiguousarray(series[plant.output.name]), series.source, series.start,
              {sensor.name: series[sensor.name] for sensor in plant.sensors
-              if sensor.name in series.columns}, recorded=_stamps(series.whole or series))
+              if sensor.name in series.columns})
         for series in recording.series if len(series) >= least_samples(plant, series.sample_time)]
     if not parts:
         if not recording.series:
@@ -116,11 +113,6 @@ def parts_of(recording: Recording, plant: Plant) -> list[Part]:
     if all(np.ptp(part.measured) == 0.0 for part in parts):
         raise DataError(f'{plant.output.name} never moves in the recording')
     return parts
-
-
-def _stamps(series: Series) -> tuple[int, int]:
-    """Return the stamps of the first sample of a series, and of the one after its last [ns]."""
-    return series.start, series.start + round(1e9 * series.sample_time * len(series))
 
 
 def movement(pieces: Sequence[FloatArray]) -> float:

@@ -40,16 +40,10 @@ def is_drift_preferred(drift: Fit, parts: Sequence[Part]) -> bool:
 
 
 def recording_of(parts: Sequence[Part], sample_time: float) -> IntArray:
-    """Return the recording of each part, numbered from 0.
-
-    There is no gap within one, but for data that is held out.
-    """
+    """Return the recording of each part, numbered from 0: there is no gap within one."""
     period = 1e9 * sample_time
-    recorded = [part.recorded or (part.start, part.start + period * len(part.measured))
-                for part in parts]
-    gaps = [after.start <= before.start or not (
-                then == now or abs(then[0] - now[1]) <= 2.0 * period)
-            for (before, now), (after, then) in pairwise(zip(parts, recorded, strict=True))]
+    gaps = [abs(after.start - before.start - period * len(before.measured)) > 2.0 * period
+            for before, after in pairwise(parts)]
     return np.cumsum([0, *gaps])
 
 

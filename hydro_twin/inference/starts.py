@@ -62,7 +62,7 @@ def drift_starts(base: Fit, parts: Sequence[Part], times: tuple[float, float]
         return []
     begin, end = times
     first = 1e-9 * min(part.start for part in parts)
-    plant, found = base.candidate.plant, drifts(base, parts)
+    plant, found = base.candidate.plant, drifts(base, parts, end - begin)
     models = []
     for effect, port in places(plant, base.candidate.effects, parameters=True):
         if effect.course is None or port.name not in found:

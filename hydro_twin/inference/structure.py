@@ -105,13 +105,16 @@ def is_moving_offset(base: Fit, named: Fit, parts: Sequence[Part]) -> bool:
     """Whether an offset that moves with time explains all there is, and clearly more than effects.
 
     By the BIC, all parameters being free to change with it by a little. A slow residual is
-    imitated by many a law, as by a ripple of few periods.
+    imitated by many a law, as by a ripple of few periods. Never where the plant integrates: there
+    the initial states of the windows take an offset up.
 
     Args:
         base: a fit without the effects.
         named: the same with them, or the base where there are none.
         parts: what both were fitted to.
     """
+    if base.candidate.plant.integrates:
+        return False
     fit, (_, columns) = base.main, _offsets(base.main, parts)
     basis = np.linalg.qr(np.column_stack([fit.tangent_basis, columns]))[0]
     moving = replace(fit, residual=project_out(fit.residual, basis))
@@ -148,24 +151,30 @@ def drift_test(fit: Fit, parts: Sequence[Part]) -> tuple[float, float]:
         found = np.linalg.qr(project_out(columns(course), basis))[0].T @ residual
         return float(found @ found)
 
-    line, *jumps = (course for _, course in _courses(time))
-    tests = [explained(columns(course), fit.residual, basis)[1:]
-             for course in (line, max(jumps, key=explains))]
-    (share, p_value), (of_jump, p_jump) = tests
+    line, *jumps = (course for _, course in _courses(fit, time, np.ptp(time)))
+    _, share, p_value = explained(columns(line), fit.residual, basis)
+    if not jumps:
+        return share, p_value
+    _, of_jump, p_jump = explained(columns(max(jumps, key=explains)), fit.residual, basis)
     p_jump = min(1.0, len(jumps) * p_jump)
     return (of_jump, p_jump) if is_drift_significant((of_jump, p_jump)) and of_jump > share else (
         share, p_value)
 
 
-def _courses(time: FloatArray) -> list[tuple[float | None, FloatArray]]:
+def _courses(fit: Fit, time: FloatArray, duration: float
+             ) -> list[tuple[float | None, FloatArray]]:
     """List ways in which a parameter may go to its last value, as shares of the change left.
 
+    A straight line over the duration [s], or a jump. No jumps where the plant integrates: a law that is missing may move one window more than
+    another, and a gain that jumps between them imitates that.
+
     Returns:
-        When it jumps [s], None for a straight line, and the course, (N,), from -1 to 0.
+        When it jumps [s], None for a straight line, and the course, (N,), up to 0.
     """
     first, last = time.min(), time.max()
-    at = first + (last - first) * np.arange(1, JUMPS + 1) / (JUMPS + 1)
-    return [(None, (time - last) / (last - first)),
+    count = 0 if fit.candidate.plant.integrates else JUMPS
+    at = first + (last - first) * np.arange(1, count + 1) / (count + 1)
+    return [(None, (time - last) / duration),
             *((float(jump), -1.0 * (time < jump)) for jump in at)]
 
 
@@ -182,11 +191,11 @@ def _times(parts: Sequence[Part], sample_time: float) -> list[FloatArray]:
             for part in parts]
 
 
-def drifts(fit: Fit, parts: Sequence[Part]) -> dict[str, tuple[float, float | None]]:
+def drifts(fit: Fit, parts: Sequence[Part], duration: float) -> dict[str, tuple[float, float | None]]:
     """Say how each parameter of the plant would have to drift by itself.
 
     Returns:
-        Change in all over the value at the end, least squares on the residual of the fit, of each
+        Change in all, over the duration [s] of a recording, over the value at the end, least squares on the residual of the fit, of each
         parameter that was fitted, and when it jumps [s] from the first sample, None where a
         straight line explains more.
     """
@@ -198,7 +207,7 @@ def drifts(fit: Fit, parts: Sequence[Part]) -> dict[str, tuple[float, float | No
         if unknown.owner != '':
             continue
         best = 0.0
-        for jump, course in _courses(time):
+        for jump, course in _courses(fit, time, duration):
             column = project_out(slope * course, basis)
             size, along = float(column @ column), float(column @ residual)
             if size > 0.0 and along**2 / size > best:
