@@ -165,8 +165,8 @@ def _courses(fit: Fit, time: FloatArray, duration: float
              ) -> list[tuple[float | None, FloatArray]]:
     """List ways in which a parameter may go to its last value, as shares of the change left.
 
-    A straight line over the duration [s], or a jump. No jumps where the plant integrates: a law that is missing may move one window more than
-    another, and a gain that jumps between them imitates that.
+    A straight line over the duration [s], or a jump. No jumps where the plant integrates: a law
+    that is missing may move one window more than another, and a gain that jumps imitates that.
 
     Returns:
         When it jumps [s], None for a straight line, and the course, (N,), up to 0.
@@ -191,13 +191,19 @@ def _times(parts: Sequence[Part], sample_time: float) -> list[FloatArray]:
             for part in parts]
 
 
-def drifts(fit: Fit, parts: Sequence[Part], duration: float) -> dict[str, tuple[float, float | None]]:
+def drifts(fit: Fit, parts: Sequence[Part], duration: float
+           ) -> dict[str, tuple[float, float | None]]:
     """Say how each parameter of the plant would have to drift by itself.
 
+    Args:
+        fit: of a model without that drift.
+        parts: what was fitted.
+        duration: of all that was recorded, held-out data too [s].
+
     Returns:
-        Change in all, over the duration [s] of a recording, over the value at the end, least squares on the residual of the fit, of each
-        parameter that was fitted, and when it jumps [s] from the first sample, None where a
-        straight line explains more.
+        For each parameter that was fitted, by least squares on the residual of the fit: by how
+        much of its last value it changes in all, and when it jumps [s] from the first sample, None
+        where a straight line explains more.
     """
     fit = fit.main
     basis, time = fit.tangent_basis, times(fit, parts)
