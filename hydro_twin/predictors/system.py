@@ -362,7 +362,7 @@ def _assemble(plant: Plant, values: Mapping[str, float], effects: Sequence[Place
     steps = substeps if entries or (late % 1.0).any() else 1
     active = sorted({plant.ports.index(placed.port) for placed in at_port
                      if not placed.effect.implicit})
-    laws, M, H = linear_step(plant, tuple(values.items()), T / steps)
+    laws, M, H = _linear_step(plant, tuple(values.items()), T / steps)
     step = Step(
         M=M, H=H,
         effects=np.array(entries, dtype=ENTRY), active=np.array(active, dtype=np.int64),
@@ -376,8 +376,8 @@ def _assemble(plant: Plant, values: Mapping[str, float], effects: Sequence[Place
 
 
 @lru_cache(maxsize=8)   # most candidates of a trace share their parameters
-def linear_step(plant: Plant, values: tuple[tuple[str, float], ...], h: float
-                ) -> tuple[Laws, FloatArray, FloatArray]:
+def _linear_step(plant: Plant, values: tuple[tuple[str, float], ...], h: float
+                 ) -> tuple[Laws, FloatArray, FloatArray]:
     """Return the linear laws of a plant, and M and H of a step of h [s], see `Step`."""
     laws = plant.laws(dict(values))
     return laws, discretise(laws, h), port_rows(laws)

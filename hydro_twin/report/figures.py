@@ -162,14 +162,13 @@ def _curve(placed: Placed, model: Model) -> Illustration:
 def _signal(port: Port, signal: str) -> tuple[str, str]:
     """Name a signal at a port, and label its axis."""
     what = meaning(port, signal)
-    return what, axis(what, port.unit if signal == 'value' else port.signals[signal])
+    return what, axis(what, {'value': port.unit, TIME: 's', **port.signals}[signal])
 
 
 def _dependence(found: Dependence) -> Illustration:
     """Show a free curve at a port that explains some of what is left."""
     port = found.port
-    what, x_label = (('time', 'time [s]') if found.signal == TIME else
-                     _signal(port, found.signal))
+    what, x_label = _signal(port, found.signal)
     return Illustration(
         f'left_{port.name}_{port.kind}_{found.signal}',
         f'Found, not explained: {what} at the {port.name}',
