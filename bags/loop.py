@@ -97,7 +97,7 @@ class Watcher:
 def says(event: dict[str, Any]) -> str:
     """Tell an event in a few words."""
     about = {key: value for key, value in event.items() if key in (
-        'version', 'changed', 'why', 'says', 'by', 'rms', 'promised')}
+        'version', 'changed', 'why', 'says', 'by', 'rms', 'reference_rms')}
     return f'{event["event"]}: ' + ', '.join(f'{key} {value}' for key, value in about.items())
 
 

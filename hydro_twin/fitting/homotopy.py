@@ -26,7 +26,7 @@ from hydro_twin.predictors.observer import process_root
 RATIOS = (3.0, 1.0, 0.3)
 TRACKING = 10           # evaluations of a search with feedback: more led no nearer
 PASSES = 3              # at most, each from the last
-LOWERED = 0.9           # of the sum of squares: a pass that leaves more is the last
+LOWERED = 0.9           # of the RMS residual: a pass that leaves more is the last
 
 
 def search_by_homotopy(fit: Fit, parts: Sequence[Part], evaluations: int, tolerance: float) -> Fit:

@@ -100,7 +100,7 @@ class Keeper:
             since = next((then for then, stamp in self.times if stamp >= settled), now)
         self._failing_since, self._settled, self.lacking = now, since, ''
         self.ask(now, f'refit: the residual is {event.get("rms", 0.0):.4g}, reference '
-                      f'{event.get("promised", 0.0):.4g}'
+                      f'{event.get("reference_rms", 0.0):.4g}'
                       + (f'; the fault {where["says"]}' if where else ''), since)
 
     def ask(self, now: int, why: str, since: int | None = None) -> None:

@@ -153,7 +153,7 @@ class Diagnosis:
         if monitor is None:
             message = 'not monitored: the model file states no held-out error'
         else:
-            values['residual promised'] = f'{monitor.reference_rms:.6g}'
+            values['residual reference'] = f'{monitor.reference_rms:.6g}'
             if not math.isnan(monitor.rms):
                 values['residual'] = f'{monitor.rms:.6g}'
             if monitor.chart is not None:

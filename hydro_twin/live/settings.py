@@ -58,8 +58,8 @@ SETTINGS = (
     Setting('plant', '', 'plant that the models must be of; if not given, that of the model'),
     Setting('mode', 'observer', 'observer: from measured outputs up to the sample before, by a '
             'Kalman filter about the model; a model that lacks its noise runs one_step instead; '
-            'one_step: likewise, by the difference equation; free_run: from commands only; may be '
-            'set while the node runs',
+            'one_step: likewise, by the difference equation; free_run: from the inputs alone; may '
+            'be set while the node runs',
             choices=TWIN_MODES),
     Setting('horizon', 1, 'how many samples ahead ~/ahead predicts, in mode observer; may be set '
             'while the node runs', bounds=(1, 10_000)),

@@ -44,7 +44,7 @@ class Announcer:
             'ports': rise.location.ports, 'says': str(rise.location),
             'gain': rise.location.gain, 'others': dict(rise.location.others)}
         self.event('refit', model=twin.name, topics=topics, begin=rise.begin, settled=rise.settled,
-                   end=rise.end, rms=rise.rms, promised=rise.reference_rms, sign=rise.sign,
+                   end=rise.end, rms=rise.rms, reference_rms=rise.reference_rms, sign=rise.sign,
                    location=location)
 
     def diagnostics(self, now: Time, plant: str, statuses: Sequence[Status]) -> None:

@@ -22,7 +22,7 @@ from hydro_twin.recording.digest import source_of
 from hydro_twin.store.history import rows
 from hydro_twin.store.lineage import recordings
 
-REFIT = {'event': 'refit', 'model': '', 'rms': 3.0, 'promised': 1.0}
+REFIT = {'event': 'refit', 'model': '', 'rms': 3.0, 'reference_rms': 1.0}
 
 
 def test_an_event_becomes_a_promotion_that_is_confirmed(loop: Loop) -> None:

@@ -342,9 +342,9 @@ def test_event_and_diagnostics_carry_where_the_fault_enters(monkeypatch) -> None
     node.refit(twin, rise, ['/command'])
     event = json.loads(published[0])
     assert event['event'] == 'refit'
-    assert set(event) == {'event', 'model', 'topics', 'begin', 'settled', 'end', 'rms', 'promised',
-                          'sign', 'location'}
-    assert event['promised'] == 0.51
+    assert set(event) == {'event', 'model', 'topics', 'begin', 'settled', 'end', 'rms',
+                          'reference_rms', 'sign', 'location'}
+    assert event['reference_rms'] == 0.51
     assert event['sign'] in ('level', 'colour')
     assert 'motor' in event['location']['ports']
     assert event['location']['gain'] > 100.0
