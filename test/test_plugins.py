@@ -35,6 +35,17 @@ else:
     print(assemble(plant, values, [knee]).run(np.full((2000, 1), 0.5), np.zeros(2))[-1])
 """
 
+# Steps a model as the node does, and prints its predictions.
+LIVE = """
+import json, math, sys
+from pathlib import Path
+import numpy as np
+from hydro_twin.live.models import Choice, load_twin
+twin = load_twin(Choice('', Path(sys.argv[1])), 'one_step')
+found = [twin.step(k, np.zeros(2), y) for k, y in enumerate([1.0, 3.0, 2.0])]
+print(json.dumps([y if math.isfinite(y) else None for y in found]))
+"""
+
 
 @pytest.fixture(scope='module')
 def cache(tmp_path_factory):
@@ -140,6 +151,9 @@ def test_a_package_brings_a_predictor(installed, tmp_path):
     replay = command('replay', ROOT / 'bags' / 'rig_a', '--model', model, '--json')
     done = installed(*replay, **usual)
     assert 0.9 < json.loads(done.stdout)['one_step']['rmse'] / fitted['train']['one_step'] < 1.1
+    done = installed('-c', LIVE, model, **usual)
+    assert done.returncode == 0, done.stderr
+    assert json.loads(done.stdout) == pytest.approx([None, share, 3.0 * share])
     done = installed(*replay, without='predictors', **usual)
     assert (done.returncode, done.stderr.count('\n')) == (2, 1)
     assert "predictor 'decay'; there are analytical, gru, hybrid, mlp" in done.stderr
