@@ -224,6 +224,9 @@ class ReportEffect(Struct, kw_only=True):
     ports: Annotated[dict[str, Probability], Meta(
         description='probability of each port, given the effect')]
     rivals: tuple[Rival, ...]
+    given: Annotated[dict[str, dict[str, float]], Meta(
+        description='parameters of the effect that depend on parameters of the plant which the '
+                    'recording does not determine, with the values taken for these')]
 
 
 class Remainder(Struct, kw_only=True):
@@ -263,6 +266,16 @@ class Hidden(Struct, kw_only=True):
     says: str
 
 
+class Memory(Struct, kw_only=True):
+    """What the recordings that the model at the start came from add."""
+
+    bags: tuple[str, ...]
+    used: bool
+    moved: tuple[str, ...]
+    held_out: dict[Literal['before', 'after'], float]
+    says: str
+
+
 class ReportFile(Struct, kw_only=True):
     """What `hydro-twin trace` found; errors are RMS in the unit of the output."""
 
@@ -292,6 +305,7 @@ class ReportFile(Struct, kw_only=True):
     parameters: dict[Literal['before', 'after'], dict[str, ReportValue]]
     persistence: dict[str, float]
     noise_floor: float
+    memory: Memory | None
     remainder: Remainder
 
 

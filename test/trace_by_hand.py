@@ -66,6 +66,12 @@ def recording(truth, made):
         for part in made))
 
 
+def of_the_same(*recordings):
+    """Let the series of recordings be cut from the same ones, as those of both parts are."""
+    return [Recording(tuple(replace(one, whole=whole) for one, whole in zip(
+        made.series, recordings[0].series, strict=True))) for made in recordings]
+
+
 def unexplained(base, train, port):
     """Add a curve without a name to a fit."""
     reach = max(np.abs(part.inputs[:, 0]).max() for part in train)
@@ -91,14 +97,15 @@ def evidence(name, found=True, curve=False, seconds=0.6, source='a bag'):
     port = truth.plant.ports[0]
     return Evidence(
         plant=truth.plant, before=before, after=after, train=train, test=test,
-        recordings={'train': recording(truth, train), 'test': recording(truth, test)},
+        recordings=dict(zip(('train', 'test'), of_the_same(
+            recording(truth, train), recording(truth, test)), strict=True)),
         fitted=train,
         undetectable=(Undetectable('ripple', 'motor', 'turn it <slowly> & far'),),
         findings=tuple(Finding(k, 1.25e-30, 0.875, ((other, 43.25 + k),))
                        for k in range(len(effects))) if found else (),
         improvement=improvement(residuals(before.candidate, test),
                                 residuals(after.candidate, test), 0),
-        by_horizon=truth.plant.integrates, held_out_error=after.error, held_out_ratio=1.0,
+        by_horizon=truth.plant.integrates, held_out_ratio=1.0,
         floor=noise_floor(after.by_part),
         white=is_white(after.by_part),
         lines=() if found else (Line(50.25, 0.125),),

@@ -27,10 +27,19 @@ def fitted_model(fit: Fit, known: Identifiability, errors: Mapping[str, Any]) ->
         for unknown in fit.unknowns}
     for combination in plant.combinations:      # its members are not known by themselves
         std_errors |= dict.fromkeys(combination)
+    edges = {unknown.name: edge(get(fit.candidate, unknown), unknown.lower, unknown.upper)
+             for unknown in fit.unknowns
+             if unknown.owner == '' and unknown.name in known.at_bound}
     return replace(fit.candidate, record=Record(
-        {name: Uncertainty(std_error=std_error, identifiable=std_error is not None)
+        {name: Uncertainty(std_error=std_error, identifiable=std_error is not None,
+                           at_bound=edges.get(name, ''))
          for name, std_error in std_errors.items()},
         deepcopy(dict(errors))))                # what is shared would be an alias in the file
+
+
+def edge(value: float, lower: float, upper: float) -> str:
+    """Say at which edge of its range a positive parameter is that is at one."""
+    return 'lower' if value * value < lower * upper else 'upper'
 
 
 def combination_estimates(fit: Fit, known: Identifiability) -> tuple[Estimate, ...]:

@@ -7,7 +7,7 @@ import math
 import numpy as np
 
 from hydro_twin.arrays import FloatArray
-from hydro_twin.fitting.identifiability import assess, Identifiability
+from hydro_twin.fitting.identifiability import assess, Identifiability, product_of_powers
 from hydro_twin.fitting.unknowns import get, label, Unknown
 from hydro_twin.model import Model
 from hydro_twin.predictors.scores import rms
@@ -125,8 +125,13 @@ class Fit:
         cuts = np.cumsum(self.lengths)[:-1]
         stretches = zip(np.split(jacobian, cuts), np.split(residual, cuts), strict=True)
         names = [label(unknown) for unknown in self.unknowns]
-        inside = [c for c in self.candidate.plant.combinations if all(name in names for name in c)]
-        return assess(stretches, names, inside, self.at_bound())
+        combinations = self.candidate.plant.combinations
+        inside = [c for c in combinations if all(name in names for name in c)]
+        known = assess(stretches, names, inside, self.at_bound())
+        # Of the others only the first member is searched: its error is that of the product.
+        return replace(known, combinations={**known.combinations, **{
+            product_of_powers(c): known.std_error.get(next(iter(c)))
+            for c in combinations if c not in inside}})
 
 
 def project_out(columns: FloatArray, basis: FloatArray) -> FloatArray:

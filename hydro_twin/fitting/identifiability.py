@@ -88,7 +88,7 @@ def assess(
     blind = np.linalg.norm(Vt[~known], axis=0) > NULL_WEIGHT
     errors = {label: float(e) if e <= UNKNOWN and not hidden else None
               for label, e, hidden in zip(labels, error, blind, strict=True)}
-    groups = [_label(combination) for combination in combinations]
+    groups = [product_of_powers(combination) for combination in combinations]
     factor = _information(Vt[known], root)
     return Identifiability(
         std_error={name: errors.get(name) for name in names},
@@ -125,14 +125,14 @@ def _coordinates(
     columns = []
     for i, name in enumerate(names):
         power = together.get(name, {}).get(name, 1)
-        label = _label(together[name]) if name in together else name
+        label = product_of_powers(together[name]) if name in together else name
         if name not in at_bound and label not in labels:
             labels.append(label)
             columns.append(np.eye(len(names))[i] / power)
     return labels, np.array(columns).reshape(len(labels), len(names)).T
 
 
-def _label(combination: Mapping[str, int]) -> str:
+def product_of_powers(combination: Mapping[str, int]) -> str:
     """Write a product of powers: {'V_m': 1, 'beta_e': -1} is V_m/beta_e."""
     above = '*'.join(name for name, power in combination.items() if power > 0) or '1'
     return '/'.join([above, *(name for name, power in combination.items() if power < 0)])

@@ -8,6 +8,7 @@ from hydro_twin.effects import Placed
 from hydro_twin.errors import UserError
 from hydro_twin.fitting.coefficients import coefficients_of
 from hydro_twin.fitting.coloured import with_coloured_noise
+from hydro_twin.fitting.estimates import edge
 from hydro_twin.fitting.fit import Fit
 from hydro_twin.fitting.horizon import horizon_windows, moving_windows
 from hydro_twin.fitting.identifiability import assess, Identifiability
@@ -221,9 +222,7 @@ def _uncertainty(p: Parameter, value: float, known: Identifiability, biased: boo
                  ) -> Uncertainty:
     """Say what is known of a parameter; no standard error where the fit is biased."""
     relative = known.std_error[p.name]
-    edge = ''
-    if p.name in known.at_bound:
-        edge = 'lower' if value * value < p.lower * p.upper else 'upper'
     return Uncertainty(
         std_error=None if relative is None or biased else float(value * relative),
-        identifiable=relative is not None, at_bound=edge)
+        identifiable=relative is not None,
+        at_bound=edge(value, p.lower, p.upper) if p.name in known.at_bound else '')

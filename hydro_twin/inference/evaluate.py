@@ -152,16 +152,23 @@ def _errors(evidence: Evidence, predicted: Predictions) -> Errors:
 
 
 def _by_series(evidence: Evidence, predicted: dict[str, Predictions]) -> tuple[SeriesErrors, ...]:
-    """Score each series; training and test part together where both are cut from it."""
-    sources = [one.source for one in evidence.recordings['train'].series]
+    """Score each series; training and test part together where both are cut from it.
+
+    A part too short to be scored has no error.
+    """
+    train, test = (evidence.recordings[part].series for part in ('train', 'test'))
+    sources = [one.source for one in train]
+    both = len(train) == len(test) and all(
+        one.whole is not None and one.whole is other.whole
+        for one, other in zip(train, test, strict=False))
     rows: list[dict[str, Errors]] = [
         {when: {mode: {} for mode in MODES} for when in predicted} for _ in sources]
     for when, predictions in predicted.items():
         for mode in MODES:
             residuals = _residuals(evidence, predictions, mode)
-            for part in ('train', 'test'):
-                if len(residuals[part]) == len(sources):
-                    for row, error in zip(rows, residuals[part], strict=True):
+            for part in ('train', 'test') if both else ('train',):
+                for row, error in zip(rows, residuals[part], strict=True):
+                    if len(error):
                         row[when][mode][part] = rms(error)
     return tuple(SeriesErrors(source, **row) for source, row in zip(sources, rows, strict=True)
                  if all(np.isfinite(error) for errors in row.values()
@@ -195,7 +202,7 @@ def _runs(evidence: Evidence, series: Sequence[Series], predicted: dict[str, Pre
 
 def _remainder(evidence: Evidence) -> Remainder:
     return Remainder(
-        error=evidence.after.error, held_out_error=evidence.held_out_error, white=evidence.white,
+        error=evidence.after.error, white=evidence.white,
         lines=evidence.lines, bursts=_bursts(evidence), depends_on=evidence.depends_on,
         drifts=is_drift_significant(evidence.drifts), by_ports=evidence.by_ports,
         loud=evidence.is_loud,

@@ -34,10 +34,9 @@ class Evidence:
         undetectable: effects that the recording could not have shown, if the model fits.
         improvement: of what is judged, see `TraceResult`, by what was named and by the curve.
         by_horizon: whether that is the error over a horizon, see `judged_errors`.
-        held_out_error: RMS of the residual of `after` on the test parts, sampled as the training
-            parts were, with their initial states fitted.
-        held_out_ratio: that over the RMS of the residual of `after`; both whitened, where that was
-            fitted as coloured noise.
+        held_out_ratio: RMS of the residual of `after` on the test parts, sampled as the training
+            parts were, with their initial states fitted, over that on the training parts; both
+            whitened, where that was fitted as coloured noise.
         floor: estimated RMS of the noise.
         bursts: when much of what is left comes, if seldom; in `train`, then in `test`.
         depends_on: what the residual of `after` still depends on.
@@ -60,7 +59,6 @@ class Evidence:
     findings: tuple[Finding, ...]
     improvement: Improvement
     by_horizon: bool
-    held_out_error: float
     held_out_ratio: float
     floor: float
     white: bool

@@ -44,7 +44,7 @@ def excerpt(parts: Sequence[Part], plant: Plant, sample_time: float, factor: int
     start_up = plant.start_samples(sample_time)
     least = least_samples(plant, factor * sample_time) * factor
     parts = [part for part in parts if len(part.measured) >= least]
-    stretch = round(min(STRETCH_SAMPLES, max(plant.horizon / sample_time, least)))
+    stretch = max(least, round(min(STRETCH_SAMPLES, plant.horizon / sample_time)))
     scored_at_all = sum(len(part.measured) - start_up for part in parts)
     if scored_at_all <= factor * MAX_SAMPLES:
         if not plant.integrates:

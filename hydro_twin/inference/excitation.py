@@ -28,8 +28,8 @@ from hydro_twin.result import Undetectable
 KNOWN = 0.25            # relative error that is enough: a change by half is then beyond two errors
 WORSE = 3.0             # times the error that the model states, which is enough as well
 SHOWN = 0.5             # share of the parameters, and of the effects, that must show
-LOWEST, POINTS = 0.1, 80    # of the frequencies at which motions are compared [Hz]; how many
-HIGHEST = 0.1           # of them, as a share of the sampling rate
+LOWEST, HIGHEST, POINTS = 2e-4, 0.1, 80     # of the frequencies at which motions are compared, as
+#                         shares of the sampling rate (0.1 and 50 Hz at 500 Hz); how many
 SAID = 3                # parameters, and effects, that the sentence tells
 
 
@@ -159,7 +159,7 @@ def _motions(fit: Fit, noise: float, size: float) -> dict[str, tuple[str, float,
     """
     candidate, inputs = fit.candidate, fit.candidate.plant.inputs
     own = [k for k, u in enumerate(fit.unknowns) if u.owner == '']
-    hertz = np.geomspace(LOWEST, HIGHEST / candidate.sample_time, POINTS)
+    hertz = np.geomspace(LOWEST, HIGHEST, POINTS) / candidate.sample_time
     slopes = np.stack([_response_slope(candidate, fit.unknowns[k], hertz) for k in own], axis=-1)
     slopes *= size / noise / np.abs(_response(candidate, hertz)).max(axis=0)[:, None]
     there = fit.jacobian[:, own] / noise

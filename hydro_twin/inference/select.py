@@ -214,6 +214,8 @@ def fit_to_convergence(base: Fit, ranked: Sequence[Fit], parts: Sequence[Part],
         parts: the data to fit.
         most_error: what leaves more after the race stays as it is.
     """
+    if not ranked:
+        return []
     most_error = min(most_error, HOPELESS * ranked[0].error)
     kept, left = leading([fit for fit in ranked if fit.error <= most_error])
     left += [fit for fit in ranked if fit.error > most_error]

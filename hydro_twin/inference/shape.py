@@ -32,6 +32,7 @@ JUMP = 0.01             # the same, where a force jumps
 DOTS = 1500             # of a law
 TRIALS = 25             # values at which the error of linear dynamics is shown
 WIDEST = 1.0            # standard error of a knot worth showing, over the reach of the law
+NOTHING = 1e-300        # length of a column of zeros, so that it can be divided by
 
 
 def free_curves(fit: Fit, placed: Placed, seen: Sequence[EffectSignals], name: str
@@ -45,7 +46,8 @@ def free_curves(fit: Fit, placed: Placed, seen: Sequence[EffectSignals], name: s
     may be visited in a few blocks only [Bell and McCaffrey 2002, the jackknife].
 
     Returns:
-        One curve, or one for a rising and one for a falling signal.
+        One curve, or one for a rising and one for a falling signal. The standard error of a knot
+        that no sample is near is infinite.
     """
     carry, start_up = to_output(fit.candidate), fit.candidate.start_up
     b = carry.b[:, fit.candidate.plant.ports.index(placed.port)]
@@ -77,7 +79,7 @@ def free_curves(fit: Fit, placed: Placed, seen: Sequence[EffectSignals], name: s
                      @ residual[begin:begin + BLOCK])
     spread = covariance @ (np.transpose(pulls) @ np.array(pulls)) @ covariance
     count = columns[0].shape[1]
-    curve, error = (found / size)[:count], (np.sqrt(np.diag(spread)) / size)[:count]
+    curve, error = (found / size)[:count], _errors(spread, size)[:count]
     if not placed.branches:
         return [FreeCurve('free curve', knots, curve, error)]
     half = len(knots)
@@ -93,10 +95,17 @@ def _least_squares(X: FloatArray, target: FloatArray
         The columns scaled to unit length, their lengths, the inverse of their products, and the
         weights of the scaled ones.
     """
-    size = np.maximum(np.linalg.norm(X, axis=0), 1e-300)
+    size = np.maximum(np.linalg.norm(X, axis=0), NOTHING)
     scaled = X / size
     covariance = np.linalg.pinv(scaled.T @ scaled, rcond=1e-10, hermitian=True)
     return scaled, size, covariance, covariance @ (scaled.T @ target)
+
+
+def _errors(covariance: FloatArray, size: FloatArray) -> FloatArray:
+    """Return standard errors from the covariance of scaled weights; inf for a column of zeros."""
+    errors: FloatArray = np.where(
+        size > NOTHING, np.sqrt(np.diag(covariance)) / size, np.inf)
+    return errors
 
 
 def _rises(values: FloatArray) -> np.ndarray:
@@ -182,11 +191,12 @@ def _over_time(fit: Fit, placed: Placed, course: Course, parts: Sequence[Part]) 
     X = np.column_stack([whiten(np.split(column, cuts), filter_) for column in columns.T])
     target = whiten(fit.by_part, filter_)
     X, size, covariance, found = _least_squares(X, target)
-    error = rms(target - X @ found) * np.sqrt(np.diag(covariance))
-    found, error = ((v / size)[:KNOTS] for v in (found, error))
+    error = rms(target - X @ found) * _errors(covariance, size)[:KNOTS]
+    found = (found / size)[:KNOTS]
+    known = np.isfinite(error)          # not in a pause between recordings
     at_knots, line = value(knots), np.linspace(0.0, end - begin, DOTS)
-    return OverTime(line, value(line), FreeCurve(
-        'by itself', knots, at_knots * (1.0 + found), at_knots * error))
+    return OverTime(line, value(line), FreeCurve('by itself', knots[known], (
+        at_knots * (1.0 + found))[known], (at_knots * error)[known]))
 
 
 def _profile(fit: Fit, placed: Placed, parts: Sequence[Part]) -> Profile:

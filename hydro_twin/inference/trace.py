@@ -8,6 +8,7 @@ from typing import NamedTuple
 import numpy as np
 
 from hydro_twin.blas import one_thread
+from hydro_twin.errors import DataError
 from hydro_twin.fitting.coloured import as_measured, whitened
 from hydro_twin.fitting.fit import Fit
 from hydro_twin.fitting.horizon import errors_over_horizon
@@ -86,6 +87,9 @@ def trace(recording: Recording, test: Recording | None, plant: Plant,
         DataError: a recording is too short, constant or not finite, or the output moves against
             the command.
     """
+    if earlier is not None and model is not None:
+        for part in split(earlier):     # refused now rather than after the search
+            parts_of(part, plant)
     found = evidence(recording, test, plant, constants, model, seed, progress)
     if earlier is not None and model is not None:
         progress('fitting the earlier recordings')
@@ -182,7 +186,7 @@ def _search(train: Recording, test: Recording, plant: Plant,
             constants: Mapping[str, float] | None, model: Model | None, seed: int,
             progress: Callable[[str], None], known: Model | None = None) -> Evidence:
     """Search with one test part; `known` is a model with effects that was found before."""
-    whole, held_out = with_travel(parts_of(train, plant), parts_of(test, plant))
+    whole, held_out = with_travel(parts_of(train, plant), _held_out_parts(test, plant))
     sample_time = train.series[0].sample_time
     plant = plant.seen_by(sensors_in(whole, plant, plant.start_samples(sample_time)))
     progress('fitting the linear model')
@@ -213,14 +217,14 @@ def _search(train: Recording, test: Recording, plant: Plant,
         before, base, linear, explained, data, seed, progress)
     selection, found, gain, by_horizon = confirmed(before, base, selection, found, test, seed)
     after = selection.fit
-    pieces, left = after.by_part, residuals(after, data.fine_held_out)
-    compared = residuals(after, whitened(data.fine_held_out, after)) if after.whitened else left
+    pieces = after.by_part
+    left = residuals(after, whitened(data.fine_held_out, after) if after.whitened
+                     else data.fine_held_out)
     traced = Evidence(
         plant=plant, before=before, after=after, train=whole, test=held_out,
         recordings={'train': train, 'test': test}, fitted=data.fine, undetectable=(),
         findings=selection.findings, improvement=gain, by_horizon=by_horizon,
-        held_out_error=rms(np.concatenate(left)),
-        held_out_ratio=rms(np.concatenate(compared)) / max(after.error, 1e-300),
+        held_out_ratio=rms(np.concatenate(left)) / max(after.error, 1e-300),
         floor=noise_floor(pieces), white=is_white(pieces),
         lines=tuple(lines(pieces, sample_time)),
         bursts=tuple(bursts(residuals(after, [*whole, *held_out]))),
@@ -230,6 +234,14 @@ def _search(train: Recording, test: Recording, plant: Plant,
             found and explained.replaced) else None)
     return traced if traced.fails else replace(
         traced, undetectable=tuple(undetectable(after, data.fine)))
+
+
+def _held_out_parts(test: Recording, plant: Plant) -> list[Part]:
+    """Return the parts of what is held out; a refusal says that it is these."""
+    try:
+        return parts_of(test, plant)
+    except DataError as error:
+        raise DataError(f'the held-out part: {error}') from None
 
 
 def _count(parts: Sequence[Part]) -> int:

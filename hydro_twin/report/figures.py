@@ -76,10 +76,11 @@ def _output(result: TraceResult) -> Illustration:
             for name, y, colour in models), height=0.6)
         source = Path(run.series.source).name
         views.append(View(f'{run.label}, {source}' if source else run.label, (above, below)))
+    seconds = result.before.start_up * result.before.sample_time
     caption = (
         f'Above, the {output.meaning} as measured and in free run, from rest at the first sample '
         f'measured of each series. Below, the residual: measured less predicted, without the '
-        f'start-up of each series, {result.plant.start_up:g} s, which is not scored. '
+        f'start-up of each series, {seconds:g} s, which is not scored. '
         f'Nothing was fitted to the test parts.')
     if any(len(run.measured) > most for run in result.runs):
         caption += ' Long parts are drawn by the least and the largest of every few samples.'

@@ -34,7 +34,7 @@ def page(result: TraceResult, summary: Mapping[str, Any], provenance: Mapping[st
                     if all(part in row['before']['free_run'] for row in summary['series'])]
     return pages.get_template('trace_page.html').render(
         plant=result.plant, unit='' if unit == '1' else unit, named=bool(result.effects),
-        changed=result.changed, judged=result.judged,
+        changed=result.changed, judged=result.judged, fails=result.fails,
         summary={**summary, 'effects': _effects(result, summary)},
         outputs=list(summary['outputs'].items())[1:],
         parameters=parameter_rows(result, summary['parameters']),

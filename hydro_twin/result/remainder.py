@@ -51,7 +51,6 @@ class Remainder:
 
     Attributes:
         error: RMS of what was fitted, in the output's unit.
-        held_out_error: the same of the test part.
         white: by the test of Ljung and Box.
         bursts: when much of it comes, if seldom, by bag and time.
         depends_on: port signals that explain some of it, the strongest first.
@@ -65,7 +64,6 @@ class Remainder:
     """
 
     error: float
-    held_out_error: float
     white: bool
     lines: tuple[Line, ...]
     bursts: tuple[Burst, ...]

@@ -4,7 +4,7 @@ from dataclasses import replace
 import numpy as np
 from trace_by_hand import candidate, parts
 
-from hydro_twin.fitting.estimates import fitted_model
+from hydro_twin.fitting.estimates import combination_estimates, fitted_model
 from hydro_twin.inference.search import search
 
 
@@ -19,3 +19,14 @@ def test_a_standard_error_is_what_repeated_recordings_scatter():
             ([m.effects[0].values[0] for m in models],
              [m.record.std_error(0, 'offset') for m in models])):
         assert 0.5 < np.std(values, ddof=1) / np.mean(errors) < 2.0
+
+
+def test_a_parameter_at_its_bound_is_marked_and_a_combination_has_its_error():
+    truth = candidate('load_simulator')
+    light = replace(truth, values={**truth.values, 'J': 1e-12})
+    fit = search(light, parts(light, 0.4, 0.01, 1), 1)
+    known = replace(fit.identifiability(), at_bound=('J',))
+    marked = {name: one.at_bound for name, one in fitted_model(fit, known, {}).parameters.items()}
+    assert marked == {name: 'lower' if name == 'J' else '' for name in marked}
+    (estimate,) = combination_estimates(fit, known)
+    assert known.combinations == {'V_m/beta_e': estimate.std_error / estimate.value}

@@ -1,5 +1,6 @@
 """The result of a trace: computed once, and what it says of its models."""
 from collections import Counter
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -8,6 +9,7 @@ from trace_by_hand import evidence
 from hydro_twin.inference.evaluate import result_of
 from hydro_twin.predictors.analytical import Analytical
 from hydro_twin.predictors.scores import errors_of
+from hydro_twin.recording.series import Recording
 
 
 @pytest.mark.parametrize('found', [True, False])
@@ -48,3 +50,19 @@ def test_the_errors_are_those_of_a_run_of_the_models():
         for run, row, error in zip(runs, result.series, missed, strict=True):
             assert row.after['free_run'][part] == pytest.approx(np.sqrt(np.mean(error ** 2)))
             assert row.bag == run.series.source
+
+
+def test_a_series_has_no_test_error_of_another_bag():
+    """Where others test, or where its own held-out part is too short to be scored."""
+    made = evidence('load_simulator')
+    train, test = made.recordings.values()
+    apart = replace(made, recordings={'train': train, 'test': Recording(tuple(
+        replace(one, whole=None) for one in test.series))})
+    first = test.series[0]
+    short = replace(made, recordings={'train': train, 'test': Recording((
+        replace(first.part(0, 20), whole=first.whole), *test.series[1:]))})
+    for changed, tested in ((apart, []), (short, ['', 'test', 'test'])):
+        rows = result_of(changed).series
+        assert len(rows) == 3
+        for row, part in zip(rows, tested or [''] * 3, strict=True):
+            assert set(row.after['free_run']) == {'train', part} - {''}

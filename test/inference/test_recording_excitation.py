@@ -1,6 +1,7 @@
 """Whether a recording is worth a trace, and which motion would make it so."""
 from __future__ import annotations
 
+from dataclasses import replace
 import json
 import re
 
@@ -14,9 +15,11 @@ from hydro_twin.fitting.parts import parts_of
 from hydro_twin.inference.excitation import excitation
 from hydro_twin.inference.search import search
 from hydro_twin.model import Model, Record, Uncertainty, write_model
+from hydro_twin.plants import plant_named
 from hydro_twin.recording.series import Recording, Series
 from hydro_twin.recording.signals import load_signals
 from hydro_twin.recording.write import write_recording
+from hydro_twin.simulation.simulate import simulate
 
 MODEL = Model(PLANT, VALUES, 0.002, record=Record(
     {p.name: Uncertainty(std_error=0.01 * VALUES[p.name]) for p in PLANT.parameters}))
@@ -61,6 +64,21 @@ def test_at_rest_it_says_what_to_move():
                               0.002),))
     assert excitation(still, MODEL).says == 'T_g never moves in the recording'
     assert not excitation(still, MODEL).enough
+
+
+def test_a_motion_is_no_faster_than_a_slow_recording_shows():
+    valve = plant_named('control_valve')
+    values = {p.name: float(np.sqrt(p.lower * p.upper)) for p in valve.parameters}
+    u = 0.005 * np.sin(2 * np.pi * 0.01 * np.arange(300.0))
+    one = simulate(valve, values, [], {'command': lambda t: np.interp(t, np.arange(300.0), u)},
+                   300.0, sample_time=1.0)
+    noisy = one['opening'] + 0.02 * np.random.default_rng(0).standard_normal(len(one))
+    one = replace(one, columns={**one.columns, 'opening': noisy})
+    found = excitation(Recording((one,)), Model(valve, values, 1.0, record=Record(
+        {name: Uncertainty(std_error=0.01 * value) for name, value in values.items()})))
+    weak = {one.name: one for one in found.weak}
+    # A first-order lag shows its time constant most where its gain has fallen to 0.7.
+    assert weak['tau'].hertz == pytest.approx(1.0 / (2.0 * np.pi * values['tau']), rel=0.3)
 
 
 def test_the_motion_that_it_names_shows_what_it_promises():

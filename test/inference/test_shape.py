@@ -37,6 +37,34 @@ def test_friction_shows_whatever_strength_the_model_assumes(assumed):
     assert np.median(off) < 1.0
 
 
+def test_a_knot_that_no_sample_is_near_has_no_curve():
+    law = ('friction', 'motor', {'coulomb': 10.0})
+    model = candidate('positioning', [law])
+    made = parts(model, 1.2, 0.005, 3)
+    fit = replace(search(model, made, 1), candidate=model)
+    placed = fit.candidate.effects[0]
+    seen = [effect_signals(fit.candidate, placed, part) for part in made]
+    # A speed in two bands, with nothing between them.
+    apart = [replace(one, signals={'velocity': np.where(
+        one.signals['velocity'] > 0.0, 1.0, -1.0) + 0.01 * one.signals['velocity']})
+        for one in seen]
+    (curve,) = free_curves(fit, placed, apart, 'velocity')
+    far = np.abs(np.abs(curve.knots) - 1.0) > 0.5
+    assert far.any()
+    assert np.isinf(curve.std_error[far]).all()
+    assert np.isfinite(curve.std_error[~far]).any()
+
+
+def test_a_drift_is_not_drawn_in_a_pause():
+    made = candidate('load_simulator', [('drift', 'G', {'rate': 0.5, 'begin': 0.0, 'end': 60.0})])
+    some = [replace(part, start=k * 30_000_000_000)
+            for k, part in enumerate(parts(made, 1.2, 0.005, 3))]
+    shown = shape_of(search(made, some, 1), made.effects[0], some)
+    recorded = [round(1e-9 * part.start) for part in some]
+    assert len(shown.free.knots) < 8
+    assert all(min(abs(knot - begin) for begin in recorded) < 10.0 for knot in shown.free.knots)
+
+
 def test_a_dead_zone_shows():
     width = 4e-5
     law = ('dead_zone', 'spool', {'width': width})

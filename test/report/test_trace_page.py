@@ -8,9 +8,10 @@ import re
 import shutil
 
 import pytest
-from trace_by_hand import EFFECTS, result
+from trace_by_hand import EFFECTS, evidence, result
 
 from benchmarks.browser import Browser
+from hydro_twin.inference.evaluate import result_of
 from hydro_twin.model import place
 from hydro_twin.report.figures import illustrations
 from hydro_twin.report.page import page, parameter_rows, percent, short, spread
@@ -121,6 +122,14 @@ def test_names_that_a_curve_took_the_place_of_are_told():
         'held_out_error': 0.125}
     assert 'The best named explanation, asymmetry at the piston, explains less.' in summary['says']
     assert fault(json.loads(json.dumps(summary)), 'report') == ''
+
+
+def test_where_the_model_does_not_fit_it_does_not_say_that_all_would_have_shown():
+    made = evidence('load_simulator', found=False)
+    failed = result_of(replace(made, floor=made.after.error / 8.0))
+    _, said = read(page(failed, summarise(failed), PROVENANCE, illustrations(failed)))
+    assert 'Not evaluated: the model does not fit' in said
+    assert 'would have shown' not in said
 
 
 def test_its_size():
