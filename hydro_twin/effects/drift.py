@@ -9,7 +9,7 @@ from hydro_twin.arrays import FloatArray
 from hydro_twin.effects.effect import Course, Effect, EffectParameter, Span, Starts
 from hydro_twin.plants.plant import PARAMETER
 
-LEAST = 0.2             # of the last value, and its inverse the most: oil ISO VG 46 of viscosity
+MIN_FACTOR = 0.2        # of the last value, and its inverse the most: oil ISO VG 46 of viscosity
 #                         index 100 that warms from 20 to 50 degrees C is a quarter as viscous
 IDLE = (0.33, 0.6)      # shares of the recording before a drift begins, to start a search at
 SETTLES = (0.5, 0.2)    # and time constants, in shares of the recording
@@ -20,7 +20,7 @@ Values = tuple[float, ...]
 
 
 def factor(values: Values, time: float | FloatArray) -> FloatArray:
-    """Return the value at stamps [s] over the last one, between `LEAST` and its inverse.
+    """Return the value at stamps [s] over the last one, between `MIN_FACTOR` and its inverse.
 
     From b = begin + idle to e = end it goes as 1 - rate (e - b) w, where w falls from 1 to 0 in a
     straight line, or with a time constant as a first-order lag settles.
@@ -36,17 +36,17 @@ def factor(values: Values, time: float | FloatArray) -> FloatArray:
     else:
         left = (np.exp(-passed / time_constant) * np.expm1((passed - spread) / time_constant)
                 / math.expm1(-spread / time_constant))
-    found: FloatArray = np.clip(1.0 - rate * spread * left, LEAST, 1.0 / LEAST)
+    found: FloatArray = np.clip(1.0 - rate * spread * left, MIN_FACTOR, 1.0 / MIN_FACTOR)
     return found
 
 
 def distinguishable(_: Span, values: Values) -> bool:
-    """Separate a drift from what changes the parameter beyond `LEAST` or its inverse.
+    """Separate a drift from what changes the parameter beyond `MIN_FACTOR` or its inverse.
 
     That acts where the recording begins or ends, and not with time: a dead zone
     that only the first steps are within.
     """
-    return LEAST < float(factor(values, values[3])) < 1.0 / LEAST
+    return MIN_FACTOR < float(factor(values, values[3])) < 1.0 / MIN_FACTOR
 
 
 def slopes(values: Values, time: FloatArray) -> FloatArray:

@@ -157,8 +157,8 @@ class Effect:
         starts: what the recording reaches -> sets of parameters to begin a search at.
         excitation: what a recording must hold to show it, as advice to a person.
         beyond_reach: whether it may hide beyond what a recording reaches, as a limit does.
-        confounded: whether re-tuning the plant can imitate it so well that its score means
-            nothing; then its first start, the gentlest, is always searched from.
+        confounded: whether re-estimated parameters of the plant can imitate it so well that its
+            score means nothing; then its first start, the gentlest, is always searched from.
         refined: what the recording reaches and the parameters of the simple law -> sets of
             parameters to begin at with refinements let in.
         plain: parameters -> those of the simple law that is nearest; None: without refinements.

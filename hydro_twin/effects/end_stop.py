@@ -4,7 +4,7 @@ from __future__ import annotations
 from hydro_twin.compiled import compiled
 from hydro_twin.effects.effect import Effect, EffectParameter, Span, Starts
 
-NONE = 1e9              # a stop that is not there
+NO_STOP = 1e9           # a stop that is not there
 
 
 @compiled
@@ -25,7 +25,7 @@ def starts(span: Span) -> Starts:
     low, high = span.measured
     inside = 0.03 * (high - low)
     return [(lower, upper) for margin in (0.0, inside) for lower, upper in (
-        (low + margin, high - margin), (-NONE, high - margin), (low + margin, NONE))]
+        (low + margin, high - margin), (-NO_STOP, high - margin), (low + margin, NO_STOP))]
 
 
 EFFECT = Effect(
@@ -34,10 +34,10 @@ EFFECT = Effect(
     kinds=('speed',),
     reads=('position',),
     parameters=(
-        EffectParameter('lower', 'lower end of the stroke', 'position', -NONE, NONE, log=False,
-                        unreached=-NONE),
-        EffectParameter('upper', 'upper end of the stroke', 'position', -NONE, NONE, log=False,
-                        unreached=NONE),
+        EffectParameter('lower', 'lower end of the stroke', 'position', -NO_STOP, NO_STOP,
+                        log=False, unreached=-NO_STOP),
+        EffectParameter('upper', 'upper end of the stroke', 'position', -NO_STOP, NO_STOP,
+                        log=False, unreached=NO_STOP),
     ),
     starts=starts,
     excitation='drive it against the end of its stroke, and back',

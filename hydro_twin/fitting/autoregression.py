@@ -11,8 +11,10 @@ from scipy import linalg, ndimage
 from hydro_twin.arrays import FloatArray
 from hydro_twin.predictors.scores import rms
 
+ORDER = 6               # of the autoregression: three resonances, or filters of second order
 
-def autoregression(stretches: Sequence[FloatArray], order: int = 6) -> FloatArray:
+
+def autoregression(stretches: Sequence[FloatArray], order: int = ORDER) -> FloatArray:
     """Fit an autoregressive model (Yule-Walker); returns the whitening filter [1, a1, ...]."""
     correlation = np.array([sum(r[lag:] @ r[:max(len(r) - lag, 0)] for r in stretches)
                             for lag in range(order + 1)])

@@ -34,7 +34,7 @@ TURNS = 2               # fits, each with the noise of the one before; a third m
 #                         less than a hundredth of its standard error
 MAX_INNOVATION_RATIO = 0.5  # RMS of what is new in each sample over that of all: a fourth of the
 #                         power
-MOST = 100_000          # samples; the test of more takes gigabytes, and so many tell enough
+MAX_SAMPLES = 100_000   # samples; the test of more takes gigabytes, and so many tell enough
 CHANCE = 1e-3           # level at which two fits differ by more than their scatter
 
 
@@ -82,7 +82,7 @@ def with_coloured_noise(fit: Fit, parts: Sequence[Part]) -> Fit:
         The fit with the filters of the noise; the same fit where it has them, or where what is
         left is white, or no noise.
     """
-    if (fit.whitened or len(fit.residual) > MOST or all(map(is_white, fit.by_output))
+    if (fit.whitened or len(fit.residual) > MAX_SAMPLES or all(map(is_white, fit.by_output))
             or predicted_by_ports(fit, parts)[1] < P_PREDICTED):
         return fit
     again = fit

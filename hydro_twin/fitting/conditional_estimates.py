@@ -15,7 +15,7 @@ from hydro_twin.fitting.parts import Part
 from hydro_twin.fitting.problem import Problem
 from hydro_twin.fitting.unknowns import label, left_alone, Unknown
 
-NONE = 1e-6             # of the movement by a parameter: rounding
+ROUNDING = 1e-6             # of the movement by a parameter: rounding
 PARTNER = 0.1           # weight from which a parameter counts as part of a direction
 SAME = 0.05             # of a movement that the effects do not follow: they make up for the rest
 
@@ -44,7 +44,7 @@ def conditional_on(fit: Fit, parts: Sequence[Part]) -> Mapping[str, tuple[str, .
         first, *others = combination
         for name in others:
             within = moved[name] - combination[name] / combination[first] * moved[first]
-            if np.linalg.norm(within) < NONE * np.linalg.norm(moved[first]):
+            if np.linalg.norm(within) < ROUNDING * np.linalg.norm(moved[first]):
                 continue
             weights = np.linalg.lstsq(effects, within)[0]
             if np.linalg.norm(within - effects @ weights) > SAME * np.linalg.norm(within):

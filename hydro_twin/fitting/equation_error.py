@@ -18,7 +18,7 @@ from hydro_twin.plants import Plant
 from hydro_twin.recording.series import Series
 
 STEPS = (1, 4, 16)      # samples in a step, up to those for which a slow sensor repeats a value
-STARTS = 3              # of 1024 points, searched from: the result only begins another search
+STARTS = 3              # points searched from: the result only begins another search
 DIFFERENT = 1.5         # ratio of a parameter in two fits, from which both are worth a search
 
 

@@ -11,7 +11,7 @@ from hydro_twin.arrays import FloatArray, IntArray
 from hydro_twin.fitting.parts import Part
 from hydro_twin.predictors.scores import rms
 
-LEAST = 1e-3            # of the size of the output: movement that is worth following
+MIN_MOVEMENT = 1e-3     # of the size of the output: movement that is worth following
 
 
 @dataclass(frozen=True)
@@ -48,7 +48,7 @@ class FirstSamples:
         return cls(
             np.stack([part.inputs[rows] for part, rows in zip(parts, taken, strict=True)]),
             measured, every < counts[:, None],
-            np.array([max(rms(one[:n] - one[:n].mean()), LEAST * part.size, 1e-12)
+            np.array([max(rms(one[:n] - one[:n].mean()), MIN_MOVEMENT * part.size, 1e-12)
                       for part, one, n in zip(parts, measured, counts.tolist(), strict=True)]),
             np.abs(np.concatenate([part.inputs for part in parts])).max(axis=0))
 

@@ -104,7 +104,7 @@ class Fit:
 
     @property
     def tangent_basis(self) -> FloatArray:
-        """An orthonormal basis of what re-tuning can do to the residual, (N, b)."""
+        """An orthonormal basis of what re-estimated parameters can do to the residual, (N, b)."""
         basis: FloatArray = np.linalg.qr(self.jacobian)[0]
         return basis
 

@@ -24,7 +24,7 @@ from hydro_twin.predictors.scores import errors_by_series, rms
 from hydro_twin.recording.series import Recording
 
 AT_END = 0.05           # share of the travel at either end that counts as the end
-LEAST = 10              # samples between them that say how it moves
+MIN_SAMPLES = 10        # samples between them that say how it moves
 STANDS = 0.5            # least share at the ends from which a recording mostly stands there
 HORIZON = 10.0          # [s], longest window: some strokes of a cylinder, few of a slow one
 SHORTER = 8             # times: a constant force that is lacking moves a mass by a 64th as much
@@ -73,7 +73,7 @@ def between_ends(parts: Sequence[Part], sample_time: float) -> list[Part]:
         inside = (part.measured > low + margin) & (part.measured < high - margin)
         edges = np.flatnonzero(np.diff(inside, prepend=False, append=False)).tolist()
         found += [part.cut(a, b, sample_time)
-                  for a, b in zip(edges[::2], edges[1::2], strict=True) if b - a >= LEAST]
+                  for a, b in zip(edges[::2], edges[1::2], strict=True) if b - a >= MIN_SAMPLES]
     return found
 
 

@@ -18,7 +18,7 @@ AS_GOOD = 1.02          # the same after a search from its state: the minimum is
 
 
 def find_initial_states(system: System, first: FirstSamples, near: InitialStates | None = None,
-                        lead_on: bool = True) -> InitialStates:
+                        warm_start: bool = True) -> InitialStates:
     """Find the initial state of each part that leaves the least residual.
 
     Args:
@@ -26,7 +26,7 @@ def find_initial_states(system: System, first: FirstSamples, near: InitialStates
         first: the first samples of the parts.
         near: initial states under a similar model. One that does not fit much worse than it did
             is taken. The others are searched afresh, see `InitialStateSearch`.
-        lead_on: whether to search from these first, and afresh only what then fits worse.
+        warm_start: whether to search from these first, and afresh only what then fits worse.
     """
     if near is None or near.z.shape[1] != system.memory:
         search = InitialStateSearch(system, first)
@@ -39,7 +39,7 @@ def find_initial_states(system: System, first: FirstSamples, near: InitialStates
         return found
     some, left = first.at(others), np.arange(len(others))
     search = InitialStateSearch(system, some)
-    if lead_on:
+    if warm_start:
         found = found.with_others(others, _within_edges(
             system, some, search.from_states(left, states[others])))
         most = np.maximum(AS_GOOD * near.rms, NEAR * first.sizes)

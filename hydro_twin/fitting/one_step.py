@@ -19,7 +19,8 @@ from hydro_twin.recording.series import Series
 Coefficients = Callable[[npt.NDArray[Any]], npt.NDArray[Any]]
 Objective = Callable[[FloatArray], FloatArray]      # (P, d) candidates -> (P,) errors
 
-SCREENED, STARTS = 1024, 12
+SCREENED, STARTS = 1024, 12    # points of the box that are compared (a power of two, as Sobol's
+#                         sequence asks), and those that a search starts from
 COMPLEX_STEP = 1e-30
 PRECISION = 1e-12       # of the squared error: far below what a population could still gain
 AT_BOUND = 1e-3         # of the logarithmic width of the box: a search may stop this near an edge

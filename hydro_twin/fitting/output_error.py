@@ -32,21 +32,21 @@ def initial_states(model: Model, parts: Sequence[Part], near: InitialStates | No
     system = model.system
     # From near states no search crosses friction or a stop. A state on the wrong side of these is
     # forgotten, unless the plant integrates.
-    lead_on = not (model.plant.integrates
-                   and any(placed.effect.implicit for placed in model.effects))
+    warm_start = not (model.plant.integrates
+                      and any(placed.effect.implicit for placed in model.effects))
     if first is None:
         first = FirstSamples.of(parts, model.start_up)
     stages = np.array([system.stage_at(part.start) for part in parts])
     earliest, *later = np.unique(stages).tolist()
     if not later:
-        return find_initial_states(system.stages[earliest], first, near, lead_on)
+        return find_initial_states(system.stages[earliest], first, near, warm_start)
     n, memory = len(system.laws.A), system.memory
     found = InitialStates(np.empty((len(parts), n)), np.empty((len(parts), memory)),
                           np.empty((len(parts), n + memory, 2)), np.empty(len(parts)))
     for stage in (earliest, *later):
         here = np.flatnonzero(stages == stage)
         found = found.with_others(here, find_initial_states(
-            system.stages[stage], first.at(here), near and near.at(here), lead_on))
+            system.stages[stage], first.at(here), near and near.at(here), warm_start))
     return found
 
 

@@ -15,7 +15,9 @@ from hydro_twin.fitting.unknowns import label
 from hydro_twin.model import Model
 
 BLOCK = 100             # samples, longer than the memory of noise
-FOLDS = 5
+FOLDS = 5               # of the cross-validation, as is usual
+SAME = 0.999            # correlation of two signals from which one of them is enough
+MIN_BLOCKS = 10         # for the tests, two in a fold
 RIDGES = (1e-5, 1e-3, 1e-1)     # of which the best is taken, and counted as three tries
 LAGS = (0.005, 0.025)    # [s]
 P_PREDICTED = 0.05      # p-value below which the port signals predict the residual
@@ -29,8 +31,8 @@ def predicted_by_ports(fit: Fit, parts: Sequence[Part]) -> tuple[float, float]:
     The columns are the signals, their odd and even powers and their pairwise products, each
     unfiltered and through two lags: they detect structure even where no single curve does. They
     are taken one sample earlier, since a controller responds to the noise of a sample with the
-    command of the same sample. Unknowns at a bound are not re-tuned either: the timing would let
-    that command act at once. Noise, white or coloured, is not predicted.
+    command of the same sample. Unknowns at a bound are not re-estimated either: the timing would
+    let that command act at once. Noise, white or coloured, is not predicted.
     """
     fit, sample_time = fit.main, fit.candidate.sample_time
     observed = simulate_port_signals(fit.candidate, parts)
@@ -62,7 +64,7 @@ def _distinct(seen: FloatArray) -> list[int]:
     centred = seen - seen.mean(axis=0)
     size = np.linalg.norm(centred, axis=0)
     for k in range(seen.shape[1]):
-        if size[k] > 0.0 and all(abs(centred[:, k] @ centred[:, j]) < 0.999 * size[k] * size[j]
+        if size[k] > 0.0 and all(abs(centred[:, k] @ centred[:, j]) < SAME * size[k] * size[j]
                                  for j in picked):
             picked.append(k)
     return picked
@@ -81,7 +83,7 @@ def simulate_port_signals(candidate: Model, parts: Sequence[Part]) -> list[Float
 
 def explained(columns: FloatArray, residual: FloatArray, basis: FloatArray
               ) -> tuple[FloatArray, float, float]:
-    """Regress a residual on columns, both less what re-tuning could do (the basis).
+    """Regress a residual on columns, both less what re-estimated parameters could do (the basis).
 
     The share of the residual's power is cross-validated: each fifth of the blocks is predicted by
     the others, so that more columns do not explain more by themselves. The p-value is that of
@@ -111,7 +113,7 @@ def explained(columns: FloatArray, residual: FloatArray, basis: FloatArray
     V, squares = V[:, kept], squares[kept]
     weights = V @ (V.T @ (X.T @ residual) / squares) / size
     scores = X @ V / np.sqrt(squares[-1])
-    count = max(10, len(residual) // BLOCK)
+    count = max(MIN_BLOCKS, len(residual) // BLOCK)
     gains = max(_gains(scores, residual, count), key=np.sum)
     power = float(residual @ residual)
     if power <= 0.0 or np.ptp(gains) <= 0.0:

@@ -31,7 +31,7 @@ REWEIGHTED = 2          # further searches with new weights; they settle after o
 RESCALED = 8          # and of sensors with new scales
 SAME_SCALE = 0.02       # change of the logarithm of a scale that hardly moves the fit
 SAME_WEIGHT = 2.0       # ratio of two weights that give nearly the same start
-MOST = 1e3              # movements of the output: residual of a run that diverged
+DIVERGED = 1e3          # movements of the output: residual of a run that diverged
 LONGEST_STEP = 1.0      # of a coordinate, in one step: a factor of e
 PATIENCE = 5            # evaluations: the radius has shrunk a thousandfold, and no step is better
 CONVERGED = 'converged'
@@ -220,7 +220,7 @@ class Problem:
             slopes: their derivatives, (N, 1 + K, D).
             scales: of output and sensors, (1 + K,).
         """
-        most = MOST * self.size
+        most = DIVERGED * self.size
         residual = np.nan_to_num(layout.pick(layout.measured - y, scales), nan=most)
         residual, rows = np.clip(residual, -most, most), layout.pick(slopes, scales)
         for k, (begin, _, end) in zip(parts, layout.of_parts, strict=True):

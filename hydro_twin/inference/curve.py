@@ -178,7 +178,7 @@ def has_equivalent_law(place: tuple[Port, str], named: Fit, curves: Sequence[Dep
             return True
         reads = placed.effect.reads or ('value',)
         there = shares.get((placed.port, reads[0]), 0.0)
-        if len(reads) == 1 and abs(there - here) <= ALIKE * here:
+        if len(reads) == 1 and abs(there - here) <= ALIKE * abs(here):
             return True
     return False
 

@@ -205,7 +205,7 @@ def _remainder(evidence: Evidence) -> Remainder:
         error=evidence.after.error, white=evidence.white,
         lines=evidence.lines, bursts=_bursts(evidence), depends_on=evidence.depends_on,
         drifts=is_drift_significant(evidence.drifts), by_ports=evidence.by_ports,
-        loud=evidence.is_loud,
+        exceeds_any_noise=evidence.exceeds_any_noise,
         held_out_ratio=evidence.held_out_ratio if evidence.is_larger_held_out else None,
         structured=is_structured(evidence, P_STRUCTURE))
 

@@ -95,10 +95,10 @@ class Evidence:
 
         Which effects would be detectable is then not evaluated: the residual is not noise.
         """
-        return self.additions == 0 and self.is_loud
+        return self.additions == 0 and self.exceeds_any_noise
 
     @property
-    def is_loud(self) -> bool:
+    def exceeds_any_noise(self) -> bool:
         """Whether more is left than noise that is even remotely white."""
         return self.after.error > MAX_NOISE_RATIO * self.floor
 

@@ -73,7 +73,7 @@ def resampled(candidate: Model, sample_time: float) -> Model:
     return replace(moved, substeps=min(moved.substeps, candidate.substeps))
 
 
-def harmless_factor(fit: Fit, parts: Sequence[Part], recorded: int) -> int:
+def decimation_factor(fit: Fit, parts: Sequence[Part], recorded: int) -> int:
     """Find the power of two by which a long recording may be thinned.
 
     Until no more samples are left than needed, or as long as the free run hardly changes.

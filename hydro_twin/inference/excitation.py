@@ -19,7 +19,7 @@ from hydro_twin.fitting.parts import movement, parts_of
 from hydro_twin.fitting.unknowns import get, put, Unknown
 from hydro_twin.inference.excerpt import excerpt
 from hydro_twin.inference.noise import noise_floor
-from hydro_twin.inference.screen import detectable, spans
+from hydro_twin.inference.screen import detectability, spans
 from hydro_twin.inference.search import unsearched
 from hydro_twin.model import Model
 from hydro_twin.recording.series import Recording
@@ -120,7 +120,7 @@ def excitation(recording: Recording, model: Model) -> Excitation:
     size = max(movement([part.measured for part in parts]), 10.0 * noise)
     known = fit.identifiability().std_error
     errors = {u.name: known[u.name] for u in fit.unknowns if u.owner == ''}
-    effects = detectable(fit, parts, spans(model, parts))
+    effects = detectability(fit, parts, spans(model, parts))
     return Excitation(
         errors, tuple(_weak(model, errors, _motions(fit, noise, size))),
         sum(model.parameters[name].std_error is not None for name in errors),

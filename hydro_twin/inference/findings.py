@@ -10,7 +10,8 @@ from hydro_twin.inference.criterion import delta_bic, gain_p_value
 from hydro_twin.inference.noise import noise_floor
 from hydro_twin.inference.select import Alternative
 
-TRIED = 40              # starts tried in a round, for the correction
+TRIED = 40              # hypotheses of a round, for the correction: no plant has more effects at
+#                         their ports and parameters that may drift
 
 
 @dataclass(frozen=True)

@@ -16,7 +16,8 @@ BLOCK = 50              # samples, longer than the correlation of the residuals
 # Most blocks: as many determine an interval well enough. Of a longer recording the blocks are
 # longer, and so allow for errors that change slowly, as those of a rig at 1 kHz do.
 BLOCKS = 50
-DRAWS = 2000
+DRAWS = 2000            # of the bootstrap: 20 beyond each limit of the interval
+LIMITS = 0.01, 0.99     # of the interval: an improvement is above zero at the level of 1 %
 
 
 def improvement(before: Sequence[FloatArray], after: Sequence[FloatArray], seed: int
@@ -91,7 +92,7 @@ def _draws(blocks: int, seed: int) -> IntArray:
 
 
 def _interval(relative: float, drawn: FloatArray) -> Improvement:
-    low, high = np.quantile(drawn, [0.01, 0.99])
+    low, high = np.quantile(drawn, LIMITS)
     return Improvement(relative, float(low), float(high))
 
 
@@ -103,8 +104,8 @@ def _bounded(error: FloatArray) -> FloatArray:
 def residuals(fit: Fit, held_out: Sequence[Part]) -> list[FloatArray]:
     """Return the residuals of held-out parts, their initial states fitted to all of each part.
 
-    Where a plant integrates, the error of an initial state estimated from 50 samples may be most
-    of the residual. It says nothing of the laws.
+    Where a plant integrates, the error of an initial state estimated from the first samples may be
+    most of the residual. It says nothing of the laws.
     """
     return fitted_residuals(fit.candidate, held_out)
 

@@ -21,6 +21,13 @@ MAX_COLOURED_NOISE_RATIO = 2.5  # ratio of error to noise floor up to which it m
 ROUNDING = 1e-9         # of a residual
 UPPER = 0.33            # of the sample rate: the upper third of a spectrum
 LINES = 5               # that are reported at most: a person reads them
+LEAST_SAMPLES = 200     # of a stretch in which lines are looked for: a spectrum has a level only
+#                         if it is much wider than a line
+LEVEL_WIDTH = 16        # resolutions on either side over which the level is the median: many, so
+#                         that a line does not raise it, and few beside the width of coloured noise
+P_LINES = 1e-3          # probability of a line in noise
+LEVEL_MARGIN = 1.5      # ratio that is allowed for, since the level is an estimate
+APART = 4.0             # resolutions, the width of a peak under the window: nearer ones are one
 MIN_BLOCKS = 20         # fewer do not tell what is seldom
 
 
@@ -55,12 +62,14 @@ def _median_bias(samples: int, segment: int) -> float:
 
 
 def lines(stretches: Sequence[FloatArray], sample_time: float) -> list[Line]:
-    """Find frequencies that stand out of the residual in every stretch long enough.
+    """Find frequencies that stand out of the spectrum of a residual.
 
-    Fisher's test of each periodogram against its own local level (a running median), so that
-    coloured noise has no lines; at 99.9 % for all frequencies together.
+    The periodogram of each stretch is divided by its own local level (a running median), so that
+    coloured noise has no lines, and these ratios are summed over the stretches. In noise the sum
+    has a gamma distribution; a line exceeds it by a margin, with a Bonferroni correction for all
+    frequencies of all stretches.
     """
-    long = [r for r in stretches if len(r) >= 200]
+    long = [r for r in stretches if len(r) >= LEAST_SAMPLES]
     if not long:
         return []
     n = max(len(r) for r in long)
@@ -71,14 +80,14 @@ def lines(stretches: Sequence[FloatArray], sample_time: float) -> list[Line]:
     for r in long:
         window = signal.windows.hann(len(r), sym=False)
         spectrum = np.abs(np.fft.rfft((r - r.mean()) * window, size)) ** 2
-        width = 16 * size // len(r) | 1
+        width = LEVEL_WIDTH * size // len(r) | 1
         level = _running_median(spectrum, width) / np.log(2.0)
         ratio += spectrum / np.maximum(level, 1e-300)
         amplitude += 2.0 * np.sqrt(spectrum) / window.sum() / len(long)
     tests = n / 2 * len(long)
-    threshold = gammainccinv(len(long), 1e-3 / tests) * 1.5
+    threshold = gammainccinv(len(long), P_LINES / tests) * LEVEL_MARGIN
     found: list[Line] = []
-    reach = 4.0 / (min(len(r) for r in long) * sample_time)
+    reach = APART / (min(len(r) for r in long) * sample_time)
     for k in np.argsort(ratio)[::-1]:
         if ratio[k] < threshold or len(found) == LINES:
             break

@@ -1,4 +1,4 @@
-"""Screening: how much of a residual each effect could explain that re-tuning could not.
+"""Screening: what each effect could explain of a residual that re-estimated parameters could not.
 
 A score test with steps of finite size [Rao 1948; here on a grid, since a dead zone or a backlash
 has no slope at zero]: add the effect, run, take off what the fitted parameters could do as well,
@@ -27,6 +27,8 @@ from hydro_twin.plants import Plant, Port
 from hydro_twin.result import Undetectable
 
 NEAR = 0.9              # share of the largest value, from which it counts as near that
+FAR = 0.05              # by how much less a start counts, times the squared logarithm of its gain:
+#                         a tenth less where it is four times too weak or too strong
 DETECTABLE = 50.0       # ratio of an effect's energy to the noise variance at which it shows
 
 
@@ -149,7 +151,7 @@ def _run_baseline(fit: Fit, parts: Sequence[Part]) -> _Baseline:
 
 def _response(without: _Baseline, parts: Sequence[Part], basis: FloatArray, placed: Placed
               ) -> FloatArray:
-    """Return how an effect would move the output, beyond what re-tuning could do, (N,)."""
+    """Return how an effect moves the output beyond what re-estimated parameters could do, (N,)."""
     candidate = replace(without.candidate, effects=(*without.candidate.effects, placed))
     left = np.concatenate(residuals_from(candidate, parts, without.states))
     return project_out(without.residual - left, basis)
@@ -159,14 +161,14 @@ def _rank(scored: ScoredEffect) -> float:
     """Share explained, reduced where the start is much too weak or too strong to be linear."""
     if scored.gain <= 0.0:
         return 0.0
-    return scored.share / (1.0 + 0.05 * math.log(scored.gain) ** 2)
+    return scored.share / (1.0 + FAR * math.log(scored.gain) ** 2)
 
 
 def undetectable(fit: Fit, parts: Sequence[Part]) -> list[Undetectable]:
     """List the effects that would not have shown at any strength, and limits beyond reach."""
     reach = spans(fit.candidate, parts)
     found = []
-    for effect, port, shown in detectable(fit, parts, reach):
+    for effect, port, shown in detectability(fit, parts, reach):
         if not shown or effect.beyond_reach:
             found.append(Undetectable(effect.id, port.name, _beyond(effect, port, reach[port])
                                       if shown else effect.excitation))
@@ -184,11 +186,12 @@ def _beyond(effect: Effect, port: Port, span: Span) -> str:
     return f'the {went}{"" if unit == "1" else f" {unit}"}; a limit beyond that cannot show'
 
 
-def detectable(fit: Fit, parts: Sequence[Part], reach: Mapping[Port, Span]
-               ) -> list[tuple[Effect, Port, bool]]:
+def detectability(fit: Fit, parts: Sequence[Part], reach: Mapping[Port, Span]
+                  ) -> list[tuple[Effect, Port, bool]]:
     """Say of every effect at every port whether it would show at any strength tried.
 
-    It does if what it does beyond re-tuning would stand out of the residual as it is.
+    It does if what re-estimated parameters could not do of it would stand out of the residual as
+    it is.
 
     Args:
         fit: of a model.

@@ -35,8 +35,8 @@ WIDEST = 1.0            # standard error of a knot worth showing, over the reach
 NOTHING = 1e-300        # length of a column of zeros, so that it can be divided by
 
 
-def free_curves(fit: Fit, placed: Placed, seen: Sequence[EffectSignals], name: str
-                ) -> list[FreeCurve]:
+def component_plus_residual(fit: Fit, placed: Placed, seen: Sequence[EffectSignals], name: str
+                            ) -> list[FreeCurve]:
     """Fit a free curve of what is added at a port over a signal; two for a law with memory.
 
     Least squares on the residual plus the contribution of the effect, whitened by an
@@ -163,7 +163,7 @@ def shape_of(fit: Fit, placed: Placed, parts: Sequence[Part]) -> Shape | Profile
     every = -(-len(x) // DOTS)
     widest = WIDEST * max(float(np.ptp(added)), abs(float(added.max())))
     curves = []
-    for curve in free_curves(fit, placed, seen, over):
+    for curve in component_plus_residual(fit, placed, seen, over):
         known = curve.std_error < widest
         curves.append(FreeCurve(curve.label, curve.knots[known], curve.added[known],
                                 curve.std_error[known]))

@@ -6,7 +6,7 @@ from dataclasses import replace
 from functools import partial
 
 from hydro_twin.effects import Placed
-from hydro_twin.effects.drift import LEAST
+from hydro_twin.effects.drift import MIN_FACTOR
 from hydro_twin.fitting.equation_error import one_step_values
 from hydro_twin.fitting.fit import Fit
 from hydro_twin.fitting.horizon import between_ends
@@ -72,7 +72,7 @@ def drift_starts(base: Fit, parts: Sequence[Part], times: tuple[float, float]
         settles = {} if jump is None else {
             'idle': idle, 'time_constant': AT_ONCE * (end - begin)}
         models.append(with_effect(base.candidate, place(effect.id, port.name, {
-            'rate': min(max(change, LEAST - 1.0), 1.0 - LEAST) / (end - begin - idle),
+            'rate': min(max(change, MIN_FACTOR - 1.0), 1.0 - MIN_FACTOR) / (end - begin - idle),
             'begin': begin, 'end': end, **settles}, plant)))
     return models
 

@@ -2,7 +2,8 @@
 
 At each port, for each signal there, a free curve (hat functions over what the signal reaches) is
 added to the port's value and carried to the output by the linear laws. What such a curve explains
-of the residual, beyond re-tuning, is a dependence that the model lacks, whatever its law.
+of the residual, beyond what re-estimated parameters do, is a dependence that the model lacks,
+whatever its law.
 """
 from __future__ import annotations
 

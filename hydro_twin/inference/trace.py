@@ -26,7 +26,7 @@ from hydro_twin.inference.curve_or_names import best_named
 from hydro_twin.inference.determined import without_undetermined
 from hydro_twin.inference.evaluate import result_of
 from hydro_twin.inference.evidence import Evidence
-from hydro_twin.inference.excerpt import excerpt, harmless_factor, resampled
+from hydro_twin.inference.excerpt import decimation_factor, excerpt, resampled
 from hydro_twin.inference.explanation import explain, Explanation
 from hydro_twin.inference.findings import Selection, share
 from hydro_twin.inference.held_out import held_out_gain, residuals
@@ -253,7 +253,7 @@ def _thinned(before: Fit, fine: Sequence[Part], whole: Sequence[Part],
              held_out: Sequence[Part], sample_time: float) -> _Data:
     """Thin recordings as far as the free run of the linear model hardly changes by it."""
     plant = before.candidate.plant
-    factor = harmless_factor(before, fine, _count(whole))
+    factor = decimation_factor(before, fine, _count(whole))
     while not all(excerpt(parts, plant, sample_time, factor) for parts in (whole, held_out)):
         factor //= 2        # what is thinned must be long enough, at factor 1 all of it is
     some, some_held_out = (excerpt(parts, plant, sample_time, factor)

@@ -40,7 +40,7 @@ def is_structured(evidence: Evidence, level: float) -> bool:
     share, p_value = evidence.by_ports
     return bool(evidence.depends_on or evidence.lines or evidence.bursts
                 or is_drift_significant(evidence.drifts)
-                or evidence.is_larger_held_out or evidence.is_loud
+                or evidence.is_larger_held_out or evidence.exceeds_any_noise
                 or (p_value < level and share > MIN_PREDICTED_SHARE))
 
 

@@ -74,7 +74,7 @@ def axis(what: str, unit: str) -> str:
     return what if unit == '1' else f'{what} [{unit}]'
 
 
-def thin(x: FloatArray, y: FloatArray, most: int) -> tuple[FloatArray, FloatArray]:
+def envelope(x: FloatArray, y: FloatArray, most: int) -> tuple[FloatArray, FloatArray]:
     """Keep the least and the largest of every few samples, so that at most `most` points are left.
 
     Args:

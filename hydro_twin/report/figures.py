@@ -18,11 +18,11 @@ from hydro_twin.report.chart import (
     BEFORE,
     Chart,
     Curve,
+    envelope,
     FOUND,
     Illustration,
     MEASURED,
     QUIET,
-    thin,
     View,
 )
 from hydro_twin.report.summary import effect_estimates, meaning
@@ -69,10 +69,10 @@ def _output(result: TraceResult) -> Illustration:
                   zip(_names(result), (run.before, run.after), strict=False)]
         measured, first = run.measured, run.first
         above = Chart('time [s]', axis(output.meaning, output.unit), (
-            Curve('measured', *thin(time, measured, most), MEASURED, 'thick'),
-            *(Curve(name, *thin(time, y, most), colour) for name, y, colour in models)))
+            Curve('measured', *envelope(time, measured, most), MEASURED, 'thick'),
+            *(Curve(name, *envelope(time, y, most), colour) for name, y, colour in models)))
         below = Chart('time [s]', axis('residual', output.unit), tuple(
-            Curve(name, *thin(time[first:], (measured - y)[first:], most), colour)
+            Curve(name, *envelope(time[first:], (measured - y)[first:], most), colour)
             for name, y, colour in models), height=0.6)
         source = Path(run.series.source).name
         views.append(View(f'{run.label}, {source}' if source else run.label, (above, below)))
@@ -174,8 +174,9 @@ def _dependence(found: Dependence) -> Illustration:
         f'left_{port.name}_{port.kind}_{found.signal}',
         f'Found, not explained: {what} at the {port.name}',
         f'A free curve that would have to be added to the {port.meaning}. It explains '
-        f'{found.share:.1%} of what is left, in blocks that it was not fitted to. What re-tuning '
-        f'could do is left out, so a straight line more or less means nothing.',
+        f'{found.share:.1%} of what is left, in blocks that it was not fitted to. What '
+        f're-estimated parameters could do is left out, so a straight line more or less means '
+        f'nothing.',
         (View('', (Chart(x_label, axis('added', port.unit), (
             Curve('free curve', found.knots, found.curve, FOUND),)),)),))
 

@@ -178,7 +178,7 @@ def remainder_sentence(result: TraceResult) -> str:
                      'as large: something happens there that does not in the data that was')
     ratio = left.error / max(result.noise, 1e-300)
     how_much = f'{ratio:.0f}' if ratio < COUNTED else f'more than {COUNTED:.0f}'
-    if not parts and left.loud:
+    if not parts and left.exceeds_any_noise:
         much = '' if result.fails else f' and is {how_much} times as large as the noise'
         parts.append('what is left depends on nothing that can be seen at the ports' + much)
     if result.fails:

@@ -56,7 +56,7 @@ class Remainder:
         depends_on: port signals that explain some of it, the strongest first.
         drifts: whether the parameters drift over the recording.
         by_ports: (share, p-value) of what the port signals predict of it, in any way.
-        loud: whether it is larger than noise can be.
+        exceeds_any_noise: whether it is larger than noise can be.
         held_out_ratio: how many times as large it is on held-out data, where that is no chance;
             of the innovations, where the residual was fitted as coloured noise. None: no larger
             than by chance.
@@ -70,6 +70,6 @@ class Remainder:
     depends_on: tuple[Dependence, ...]
     drifts: bool
     by_ports: tuple[float, float]
-    loud: bool
+    exceeds_any_noise: bool
     held_out_ratio: float | None
     structured: bool

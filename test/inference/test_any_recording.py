@@ -21,7 +21,7 @@ from hydro_twin.fitting.parts import parts_of, thin
 from hydro_twin.fitting.port_signals import predicted_by_ports
 from hydro_twin.fitting.whiteness import is_white
 from hydro_twin.inference.curve import find_curve
-from hydro_twin.inference.excerpt import excerpt, harmless_factor
+from hydro_twin.inference.excerpt import decimation_factor, excerpt
 from hydro_twin.inference.held_out import held_out_gain
 from hydro_twin.inference.noise import bursts, lines, noise_floor
 from hydro_twin.inference.screen import screen, undetectable
@@ -154,7 +154,7 @@ def wrong_answers(fit, parts):
     curves = dependences(fit, parts)
     tests = [drift_test(fit, parts), predicted_by_ports(fit, parts),
              *((curve.share, curve.p_value) for curve in curves)]
-    factor = harmless_factor(fit, parts, 10**6)
+    factor = decimation_factor(fit, parts, 10**6)
     taken = thin(excerpt(parts, plant, sample_time, factor), plant, factor)
     measured = np.concatenate([whole.measured for whole in parts])
     same = held_out_gain(fit, fit, parts, 0)

@@ -6,7 +6,7 @@ import pytest
 from traced_rig import fitted, PLANT, record, VALUES
 
 from hydro_twin.fitting.parts import Part
-from hydro_twin.inference.drift_choice import is_drift_preferred, recording_of
+from hydro_twin.inference.drift_choice import is_drift_preferred, stretch_of
 from hydro_twin.inference.search import search
 from hydro_twin.model import Model, place
 from hydro_twin.recording.series import Recording
@@ -45,6 +45,6 @@ def test_windows_without_a_gap_are_of_one_recording():
     whole = Part(np.zeros((300, 1)), np.zeros(300), start=5)
     windows = [whole.cut(100 * k, 100 * (k + 1), 0.002) for k in range(3)]
     other = replace(whole, start=windows[-1].start + 10 ** 9)
-    assert list(recording_of([*windows, other], 0.002)) == [0, 0, 0, 1]
+    assert list(stretch_of([*windows, other], 0.002)) == [0, 0, 0, 1]
     at_once = [replace(whole, start=0)] * 2     # of rigs whose clocks say nothing
-    assert list(recording_of(at_once, 0.002)) == [0, 1]
+    assert list(stretch_of(at_once, 0.002)) == [0, 1]

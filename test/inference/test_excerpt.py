@@ -6,8 +6,8 @@ from hydro_twin.fitting.linear import fit_linear
 from hydro_twin.fitting.parts import least_samples, Part, parts_of, thin
 from hydro_twin.inference.excerpt import (
     COARSEST,
+    decimation_factor,
     excerpt,
-    harmless_factor,
     MAX_SAMPLES,
     resampled,
     STRETCH_SAMPLES,
@@ -106,11 +106,11 @@ def recorded(name, values, frequency, seconds, *effects):
 def test_a_slow_plant_is_thinned_and_a_fast_one_is_not():
     _, parts, fit, samples = recorded('positioning', {'M': 100.0, 'F_v': 200.0}, 0.3, 30.0,
                                       ('friction', 'motor', {'coulomb': 20.0}))
-    assert harmless_factor(fit, parts, samples) > 1
-    assert harmless_factor(fit, parts, MAX_SAMPLES) == 1         # short enough as it is
+    assert decimation_factor(fit, parts, samples) > 1
+    assert decimation_factor(fit, parts, MAX_SAMPLES) == 1         # short enough as it is
     _, parts, fit, samples = recorded('positioning', {'M': 2.0, 'F_v': 2000.0}, 60.0, 30.0,
                                       ('friction', 'motor', {'coulomb': 20.0}))
-    assert harmless_factor(fit, parts, samples) == 1
+    assert decimation_factor(fit, parts, samples) == 1
 
 
 def test_a_thinned_run_is_the_run_thinned():

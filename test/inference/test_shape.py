@@ -11,7 +11,7 @@ from hydro_twin.fitting.output_error import free_run, residuals
 from hydro_twin.fitting.port_signals import simulate_port_signals
 from hydro_twin.inference.effect_signals import effect_signals
 from hydro_twin.inference.search import search
-from hydro_twin.inference.shape import dominant_signal, free_curves, shape_of
+from hydro_twin.inference.shape import component_plus_residual, dominant_signal, shape_of
 
 
 def free(name, true, assumed):
@@ -23,7 +23,7 @@ def free(name, true, assumed):
     placed = fit.candidate.effects[0]
     seen = [effect_signals(fit.candidate, placed, part) for part in made]
     over = dominant_signal(seen)
-    return over, free_curves(fit, placed, seen, over)
+    return over, component_plus_residual(fit, placed, seen, over)
 
 
 @pytest.mark.parametrize('assumed', [10.0, 6.0])
@@ -48,7 +48,7 @@ def test_a_knot_that_no_sample_is_near_has_no_curve():
     apart = [replace(one, signals={'velocity': np.where(
         one.signals['velocity'] > 0.0, 1.0, -1.0) + 0.01 * one.signals['velocity']})
         for one in seen]
-    (curve,) = free_curves(fit, placed, apart, 'velocity')
+    (curve,) = component_plus_residual(fit, placed, apart, 'velocity')
     far = np.abs(np.abs(curve.knots) - 1.0) > 0.5
     assert far.any()
     assert np.isinf(curve.std_error[far]).all()

@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 from trace_by_hand import result
 
-from hydro_twin.report.chart import plain, thin
+from hydro_twin.report.chart import envelope, plain
 from hydro_twin.report.figures import illustrations, spectrum
 
 
@@ -38,7 +38,7 @@ def test_a_few_samples_between_two_gaps_do_not_change_a_spectrum(short):
 def test_thinning_keeps_every_extreme(count):
     y = np.random.default_rng(count).standard_normal(count)
     x = 0.002 * np.arange(count)
-    few_x, few_y = thin(x, y, 1000)
+    few_x, few_y = envelope(x, y, 1000)
     assert len(few_y) <= 1000
     assert (few_y.min(), few_y.max()) == (y.min(), y.max())
     assert few_x[0] == x[0]
