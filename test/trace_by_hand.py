@@ -66,12 +66,6 @@ def recording(truth, made):
         for part in made))
 
 
-def of_the_same(*recordings):
-    """Let the series of recordings be cut from the same ones, as those of both parts are."""
-    return [Recording(tuple(replace(one, whole=whole) for one, whole in zip(
-        made.series, recordings[0].series, strict=True))) for made in recordings]
-
-
 def unexplained(base, train, port):
     """Add a curve without a name to a fit."""
     reach = max(np.abs(part.inputs[:, 0]).max() for part in train)
@@ -97,8 +91,7 @@ def evidence(name, found=True, curve=False, seconds=0.6, source='a bag'):
     port = truth.plant.ports[0]
     return Evidence(
         plant=truth.plant, before=before, after=after, train=train, test=test,
-        recordings=dict(zip(('train', 'test'), of_the_same(
-            recording(truth, train), recording(truth, test)), strict=True)),
+        recordings={'train': recording(truth, train), 'test': recording(truth, test)},
         fitted=train,
         undetectable=(Undetectable('ripple', 'motor', 'turn it <slowly> & far'),),
         findings=tuple(Finding(k, 1.25e-30, 0.875, ((other, 43.25 + k),))
