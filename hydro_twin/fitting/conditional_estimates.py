@@ -15,7 +15,7 @@ from hydro_twin.fitting.parts import Part
 from hydro_twin.fitting.problem import Problem
 from hydro_twin.fitting.unknowns import label, left_alone, Unknown
 
-ROUNDING = 1e-6             # of the movement by a parameter: rounding
+ROUNDING = 1e-6         # of the movement by a parameter: rounding
 PARTNER = 0.1           # weight from which a parameter counts as part of a direction
 SAME = 0.05             # of a movement that the effects do not follow: they make up for the rest
 
