@@ -31,6 +31,14 @@ def test_what_is_short_is_kept_whole():
     assert excerpt(parts, PLANT, DT) == parts
 
 
+def test_stretches_are_long_enough_to_be_scored_at_any_rate():
+    fast = 5e-5                 # a start-up of more samples than a stretch usually has
+    assert PLANT.start_samples(fast) > STRETCH_SAMPLES
+    cut = excerpt([part(60_000, 'a')], PLANT, fast)
+    assert cut
+    assert all(len(one.measured) >= least_samples(PLANT, fast) for one in cut)
+
+
 def test_what_can_be_thinned_enough_is_kept_whole():
     whole = [part(30_000, 'a')]
     assert excerpt(whole, PLANT, DT, 4) == whole

@@ -12,7 +12,7 @@ from hydro_twin.fitting.parts import Part, parts_of
 from hydro_twin.fitting.port_signals import simulate_port_signals
 from hydro_twin.inference.refinement import refine
 from hydro_twin.inference.search import search, search_sticking, unsearched
-from hydro_twin.inference.select import fit_alternatives, KEPT, leading
+from hydro_twin.inference.select import fit_alternatives, fit_to_convergence, KEPT, leading
 from hydro_twin.inference.starts import relocated
 from hydro_twin.inference.stepwise import best_timing
 from hydro_twin.model import Model, place
@@ -231,3 +231,8 @@ def test_a_lag_of_the_command_may_be_one_of_the_sensor_which_has_a_law_of_its_ow
     (moved,) = relocated(replace(alone.candidate, effects=(of_command,)), parts)
     assert moved.effects == (place('lag', 'sensor', {'time_constant': 0.01}, PLANT),)
     assert moved.effects[0].effect is not of_command.effect
+
+
+def test_where_there_is_nothing_to_try_nothing_is_found():
+    base, parts, _ = fitted(record(count=1))
+    assert fit_to_convergence(base, [], parts) == []
