@@ -17,7 +17,8 @@ from hydro_twin.model import Model
 def without_unreached(fit: Fit, parts: Sequence[Part]) -> Fit:
     """Take out of a fit each limit without which the runs are no worse by the BIC.
 
-    A limit at the highest peak of a recording cuts off no more than its noise; another recording
+    All samples count as independent there: what a limit cuts off is a few of them, at peaks. A
+    limit at the highest peak of a recording cuts off no more than its noise; another recording
     may go beyond it.
 
     Args:

@@ -130,6 +130,8 @@ def _whole_error(found: Evidence, recording: Recording) -> float:
 def _with_memory(found: Evidence, model: Model, earlier: Recording, seed: int) -> Evidence:
     """Combine with the recordings that a model came from, unless held-out data refute it.
 
+    The findings and what is said of the residual stay those of the new recording alone.
+
     Args:
         found: in the new recording, from the model on.
         model: that was started from.
