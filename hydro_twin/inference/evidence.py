@@ -15,7 +15,15 @@ from hydro_twin.inference.noise import Burst, MAX_COLOURED_NOISE_RATIO
 from hydro_twin.inference.stepwise import MAX_HELD_OUT_RATIO
 from hydro_twin.plants import Plant
 from hydro_twin.recording.series import Recording
-from hydro_twin.result import BestNamed, Dependence, Improvement, Line, Memory, Undetectable
+from hydro_twin.result import (
+    BestNamed,
+    Dependence,
+    Improvement,
+    Line,
+    Memory,
+    TestPart,
+    Undetectable,
+)
 
 MAX_NOISE_RATIO = 6.0   # error over that of the noise, beyond which it cannot all be noise
 ALL = 1.0 - 1e-9        # share of a residual beyond which its logarithm is rounding
@@ -68,7 +76,7 @@ class Evidence:
     drifts: tuple[float, float]
     by_ports: tuple[float, float]
     curve: FittedCurve | None = None
-    tested: int = 0
+    tested: TestPart = 'recordings'
     best_named: BestNamed | None = None
     known: Identifiability | None = None
     memory: Memory | None = None

@@ -11,12 +11,12 @@ from hydro_twin.recording.series import (
     split_by_series,
     split_by_windows,
 )
-from hydro_twin.result import SERIES, SIXTH, THIRD, WINDOWS
+from hydro_twin.result import TestPart
 
 Split = tuple[Recording, Recording]         # train, test
 
 
-def held_out_split(recording: Recording, plant: Plant) -> tuple[Split, int]:
+def held_out_split(recording: Recording, plant: Plant) -> tuple[Split, TestPart]:
     """Hold out the first third of every series, unless it moves otherwise than the rest.
 
     As of a cylinder that extends there and retracts in the rest, or an axis that stands: neither
@@ -29,16 +29,16 @@ def held_out_split(recording: Recording, plant: Plant) -> tuple[Split, int]:
     """
     first = split(recording)
     if _moves_alike(first, plant):
-        return first, THIRD
+        return first, 'third'
     if _moves_alike(by_series := split_by_series(recording), plant):
-        return by_series, SERIES
+        return by_series, 'series'
     for shorter in (1, 2, 4) if plant.integrates else ():
         if _moves_alike(by_windows := split_by_windows(recording, HORIZON / shorter), plant):
-            return by_windows, WINDOWS
-    return first, THIRD
+            return by_windows, 'windows'
+    return first, 'third'
 
 
-def second_split(recording: Recording, plant: Plant) -> tuple[Split, int] | None:
+def second_split(recording: Recording, plant: Plant) -> tuple[Split, TestPart] | None:
     """Hold out another part where more happens in the first third than in the rest.
 
     Every third series, if there are three and these move as the others, so that what happens in
@@ -47,12 +47,12 @@ def second_split(recording: Recording, plant: Plant) -> tuple[Split, int] | None
     Returns:
         As `held_out_split`; None where these parts are too short.
     """
-    by_series, by_sixths = split_by_series(recording), split(recording, SIXTH, 1)
+    by_series, by_sixths = split_by_series(recording), split(recording, 6, 1)
     if len(recording.series) > 2 and _moves_alike(by_series, plant):
-        return by_series, SERIES
+        return by_series, 'series'
     too_short = all(len(series) < least_samples(plant, series.sample_time)
                     for series in by_sixths[1].series)
-    return None if too_short else (by_sixths, SIXTH)
+    return None if too_short else (by_sixths, 'sixth')
 
 
 def _moves_alike(parts: Split, plant: Plant) -> bool:

@@ -50,11 +50,7 @@ from hydro_twin.model import Model, Record
 from hydro_twin.plants import Plant
 from hydro_twin.predictors.scores import rms
 from hydro_twin.recording.series import Recording, split
-from hydro_twin.result import (
-    Memory,
-    THIRD,
-    TraceResult,
-)
+from hydro_twin.result import Memory, TraceResult
 
 MAX_FINAL_SAMPLES = 60_000    # samples of a thinned recording that are all used in the final fit
 FURTHER = 20            # evaluations of the fit to all samples, which starts at the fit to thinned
@@ -106,7 +102,7 @@ def evidence(recording: Recording, test: Recording | None, plant: Plant,
         return _search(recording, test, plant, constants, model, seed, progress)
     parts, tested = held_out_split(recording, plant)
     found = replace(_search(*parts, plant, constants, model, seed, progress), tested=tested)
-    if tested != THIRD or not found.is_larger_held_out:
+    if tested != 'third' or not found.is_larger_held_out:
         return found
     second = second_split(recording, plant)
     if second is None:

@@ -1,7 +1,7 @@
 """The result of a trace as one plain object: `report.json`."""
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -15,12 +15,9 @@ from hydro_twin.result import (
     Memory,
     NamedEffect,
     Remainder,
-    SERIES,
-    SIXTH,
-    THIRD,
+    TestPart,
     TIME,
     TraceResult,
-    WINDOWS,
 )
 
 EVEN = 0.5              # probability from which a statement is more likely right than wrong
@@ -28,13 +25,13 @@ SETTLED = 3.0           # time constants, in which 95 % of a change are made
 COUNTED = 1000.0        # times the noise, beyond which a sentence gives no number: the noise of a
 #                         coarse encoder is almost nothing while it stands still
 DIFFERS = 'which was not fitted; the first third of each differs from the rest'
-TESTED = {
-    0: 'bags that were not fitted',
-    THIRD: 'the first third of every series, which was not fitted',
-    SIXTH: 'the second sixth of every series, which was not fitted; the first was, since more '
-           'happens in the first third than in the rest',
-    SERIES: f'every third series, whole, {DIFFERS}',
-    WINDOWS: f'every third window of at most 10 s, {DIFFERS}',
+TESTED: Mapping[TestPart, str] = {
+    'recordings': 'bags that were not fitted',
+    'third': 'the first third of every series, which was not fitted',
+    'sixth': 'the second sixth of every series, which was not fitted; the first was, since more '
+             'happens in the first third than in the rest',
+    'series': f'every third series, whole, {DIFFERS}',
+    'windows': f'every third window of at most 10 s, {DIFFERS}',
 }
 
 

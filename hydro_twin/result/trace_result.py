@@ -20,10 +20,9 @@ from hydro_twin.result.effects import (
 )
 from hydro_twin.result.remainder import Remainder
 
-# The test part: the first third of every series, or the second sixth, or every third series, or
-# every third window.
-THIRD, SIXTH, SERIES, WINDOWS = 3, 6, 1, 2
-
+# The test part: recordings of its own, the first third of every series, the second sixth of every
+# series, every third series, or every third window.
+TestPart = Literal['recordings', 'third', 'sixth', 'series', 'windows']
 VerdictKind = Literal['effect_found', 'nothing_missing', 'unexplained']
 Errors = Mapping[str, Mapping[str, float]]      # mode -> part -> RMS error, in the output's unit
 
@@ -129,7 +128,7 @@ class TraceResult:
             which is not known; what they leave of one is that of the effects named.
         evidence_left: what the port signals predict of the residual of the training part, each
             fifth of it by the others, as a gain of the log-likelihood [nats].
-        tested: the test part: `THIRD`, ..., or 0, recordings of its own.
+        tested: the test part.
         horizon: longest window [s] of the error over a horizon, where that judges: the plant
             integrates, or forgets its initial state so slowly that a free run says little else.
         before, after: the models without and with all that was found, with standard errors and
@@ -160,7 +159,7 @@ class TraceResult:
     nothing: float
     law_unknown: float
     evidence_left: float
-    tested: int
+    tested: TestPart
     horizon: float | None
     before: Model
     after: Model
