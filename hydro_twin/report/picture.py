@@ -11,9 +11,10 @@ from hydro_twin.arrays import FloatArray
 from hydro_twin.files import written_whole
 from hydro_twin.plants.plant import Plant
 from hydro_twin.recording.series import Recording
+from hydro_twin.report.chart import AFTER, BEFORE, FOUND
 
 SHOWN = 1000                                              # samples, of the first series
-COLOURS = ('#d95f02', '#1b9e77', '#7570b3', '#e7298a')    # distinct to the colour-blind, too
+COLOURS = (BEFORE, AFTER, FOUND, '#e7298a')     # distinct to the colour-blind, too
 
 
 def draw(recording: Recording, plant: Plant, runs: Mapping[str, Sequence[FloatArray]],
