@@ -24,7 +24,9 @@ from hydro_twin.store.store import Store  # noqa: E402
 pytestmark = [pytest.mark.slow, pytest.mark.filterwarnings("ignore:module 'sre_")]
 
 PATIENCE = 1200.0   # s; a trace on a busy machine takes minutes, and messages queue up meanwhile
-FASTER = '2'        # at three times its rate, two busy cores hear the rig minutes late
+# At twice its rate, rig, node and keep take 1.7 cores of a slow machine: beside other tests, two
+# cores hear the rig later and later.
+FASTER = '1'
 INPUTS = ('/load_simulator/command', '/load_simulator/joint_states')
 RELIABLE: dict[str, object] = {
     f'qos_overrides.{topic}.subscription.{policy}': value for topic in INPUTS
@@ -59,7 +61,7 @@ def test_an_effect_appears_and_a_model_that_names_it_runs(rig: Rig, tmp_path: Pa
     rub = rig.node.create_publisher(Empty, '/wear', 10)
     reason = rig.node.create_publisher(String, f'{KEEP}/capture', 10)
     keep = ['hydro_twin.commands.main', 'keep', *flags(
-        store=store.path, before=60, after=2, nice=0, trial_least=2, **RELIABLE)]
+        store=store.path, before=60, after=4, nice=0, trial_least=2, **RELIABLE)]
     with subprocess.Popen([sys.executable, '-m', 'hydro_twin.ros.worn_rig', '--faster',
                            FASTER]) as publisher, ended(publisher), \
             twin(model=first, mode='free_run', **RELIABLE):
@@ -110,7 +112,7 @@ def test_an_effect_appears_and_a_model_that_names_it_runs(rig: Rig, tmp_path: Pa
                       'the twin runs the first model again', PATIENCE)
             assert not rig.service(f'{KEEP}/promote').success      # no challenger is left
             asked = rig.service(f'{KEEP}/capture')
-            assert asked.message == 'captures, 2 s to come'
+            assert asked.message == 'captures, 4 s to come'
             events.clear()
             reason.publish(String(data='the oil\n was changed'))
             captured = rig.until(lambda: happened(events, 'captured'), 'it is captured', PATIENCE)
