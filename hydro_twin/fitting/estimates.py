@@ -8,7 +8,7 @@ import math
 from typing import Any
 
 from hydro_twin.fitting.fit import Fit
-from hydro_twin.fitting.identifiability import Identifiability
+from hydro_twin.fitting.identifiability import Identifiability, product_of_powers
 from hydro_twin.fitting.unknowns import get, label, Unknown
 from hydro_twin.model import Estimate, Model, Record, Uncertainty
 
@@ -43,16 +43,16 @@ def edge(value: float, lower: float, upper: float) -> str:
 
 
 def combination_estimates(fit: Fit, known: Identifiability) -> tuple[Estimate, ...]:
-    """Estimate each of the plant's combinations; its first parameter was searched for all."""
+    """Estimate each of the plant's combinations."""
     return tuple(_combination_estimate(fit.candidate.values, combination, known)
                  for combination in fit.candidate.plant.combinations)
 
 
 def _combination_estimate(values: Mapping[str, float], combination: Mapping[str, int],
                           known: Identifiability) -> Estimate:
-    """Estimate a product of powers of parameters, from the coordinate of its first."""
+    """Estimate a product of powers of parameters."""
     value = math.prod(values[name] ** power for name, power in combination.items())
-    relative = known.std_error.get(next(iter(combination)))
+    relative = known.combinations[product_of_powers(combination)]
     return Estimate(value, std_error=None if relative is None else relative * value,
                     identifiable=relative is not None)
 
