@@ -22,10 +22,10 @@ def there_and_back():
 
 @pytest.mark.parametrize(('series', 'expected'), [
     ([there_and_back()], 'third'),
-    ([moving(0.0, 1.0, -1.0)], 'windows'),                # it stands in the first third
-    ([moving(1.0, 1.0, -1.0, -1.0)], 'windows'),          # it only rises there
+    ([moving(0.0, 1.0, -1.0)], 'windows'),              # it stands in the first third
+    ([moving(1.0, 1.0, -1.0, -1.0)], 'windows'),        # it only rises there
     ([moving(1.0, 1.0, -1.0, -1.0)] * 3, 'series'),
-    ([moving(1.0), moving(-1.0)], 'third'),               # nothing else is better
+    ([moving(1.0), moving(-1.0)], 'third'),             # nothing else is better
 ])
 def test_an_axis_is_tested_where_it_moves_as_in_the_rest(series, expected):
     (train, test), found = held_out_split(Recording(tuple(series)), plant_named('cylinder'))

@@ -24,9 +24,6 @@ from hydro_twin.store.store import Store  # noqa: E402
 pytestmark = [pytest.mark.slow, pytest.mark.filterwarnings("ignore:module 'sre_")]
 
 PATIENCE = 1200.0   # s; a trace on a busy machine takes minutes, and messages queue up meanwhile
-# At twice its rate, rig, node and keep take 1.7 cores of a slow machine: beside other tests, two
-# cores hear the rig later and later.
-FASTER = '1'
 INPUTS = ('/load_simulator/command', '/load_simulator/joint_states')
 RELIABLE: dict[str, object] = {
     f'qos_overrides.{topic}.subscription.{policy}': value for topic in INPUTS
@@ -62,8 +59,10 @@ def test_an_effect_appears_and_a_model_that_names_it_runs(rig: Rig, tmp_path: Pa
     reason = rig.node.create_publisher(String, f'{KEEP}/capture', 10)
     keep = ['hydro_twin.commands.main', 'keep', *flags(
         store=store.path, before=60, after=4, nice=0, trial_least=2, **RELIABLE)]
-    with subprocess.Popen([sys.executable, '-m', 'hydro_twin.ros.worn_rig', '--faster',
-                           FASTER]) as publisher, ended(publisher), \
+    # No faster than real time: at twice that, rig, node and keep take 1.7 cores of a slow machine,
+    # and beside other tests two cores hear the rig later and later.
+    with subprocess.Popen([sys.executable, '-m', 'hydro_twin.ros.worn_rig']) as publisher, \
+            ended(publisher), \
             twin(model=first, mode='free_run', **RELIABLE):
         with process(*keep, '-p', 'policy:=auto'):
             rig.ready()
