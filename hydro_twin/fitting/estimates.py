@@ -8,9 +8,10 @@ import math
 from typing import Any
 
 from hydro_twin.fitting.fit import Fit
-from hydro_twin.fitting.identifiability import Identifiability, product_of_powers
+from hydro_twin.fitting.identifiability import Identifiability
 from hydro_twin.fitting.unknowns import get, label, Unknown
 from hydro_twin.model import Estimate, Model, Record, Uncertainty
+from hydro_twin.plants.combinations import product_of_powers
 
 
 def fitted_model(fit: Fit, known: Identifiability, errors: Mapping[str, Any]) -> Model:
@@ -52,7 +53,7 @@ def _combination_estimate(values: Mapping[str, float], combination: Mapping[str,
                           known: Identifiability) -> Estimate:
     """Estimate a product of powers of parameters."""
     value = math.prod(values[name] ** power for name, power in combination.items())
-    relative = known.combinations[product_of_powers(combination)]
+    relative = known.combinations[product_of_powers(combination.items())]
     return Estimate(value, std_error=None if relative is None else relative * value,
                     identifiable=relative is not None)
 

@@ -7,9 +7,10 @@ import math
 import numpy as np
 
 from hydro_twin.arrays import FloatArray
-from hydro_twin.fitting.identifiability import assess, Identifiability, product_of_powers
+from hydro_twin.fitting.identifiability import assess, Identifiability
 from hydro_twin.fitting.unknowns import get, label, Unknown
 from hydro_twin.model import Model
+from hydro_twin.plants.combinations import product_of_powers
 from hydro_twin.predictors.scores import rms
 
 
@@ -130,7 +131,7 @@ class Fit:
         known = assess(stretches, names, inside, self.at_bound())
         # Of the others only the first member is searched: its error is that of the product.
         return replace(known, combinations={**known.combinations, **{
-            product_of_powers(c): known.std_error.get(next(iter(c)))
+            product_of_powers(c.items()): known.std_error.get(next(iter(c)))
             for c in combinations if c not in inside}})
 
 

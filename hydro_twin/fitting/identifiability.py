@@ -9,6 +9,7 @@ from scipy.linalg import solve_triangular
 
 from hydro_twin.arrays import FloatArray
 from hydro_twin.fitting.regression import triangle
+from hydro_twin.plants.combinations import product_of_powers
 
 NULL = 1e-8             # singular values below this share of the largest are rounding
 UNKNOWN = 1.0           # a relative standard error above this says no more than the box did
@@ -88,7 +89,7 @@ def assess(
     blind = np.linalg.norm(Vt[~known], axis=0) > NULL_WEIGHT
     errors = {label: float(e) if e <= UNKNOWN and not hidden else None
               for label, e, hidden in zip(labels, error, blind, strict=True)}
-    groups = [product_of_powers(combination) for combination in combinations]
+    groups = [product_of_powers(combination.items()) for combination in combinations]
     factor = _information(Vt[known], root)
     return Identifiability(
         std_error={name: errors.get(name) for name in names},
@@ -125,17 +126,11 @@ def _coordinates(
     columns = []
     for i, name in enumerate(names):
         power = together.get(name, {}).get(name, 1)
-        label = product_of_powers(together[name]) if name in together else name
+        label = product_of_powers(together[name].items()) if name in together else name
         if name not in at_bound and label not in labels:
             labels.append(label)
             columns.append(np.eye(len(names))[i] / power)
     return labels, np.array(columns).reshape(len(labels), len(names)).T
-
-
-def product_of_powers(combination: Mapping[str, int]) -> str:
-    """Write a product of powers: {'V_m': 1, 'beta_e': -1} is V_m/beta_e."""
-    above = '*'.join(name for name, power in combination.items() if power > 0) or '1'
-    return '/'.join([above, *(name for name, power in combination.items() if power < 0)])
 
 
 def _score_windows(jacobian: FloatArray, residual: FloatArray) -> FloatArray:

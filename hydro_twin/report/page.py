@@ -8,6 +8,7 @@ from typing import Any
 from jinja2 import ChoiceLoader, Environment, PackageLoader, StrictUndefined
 
 from hydro_twin.model import Estimate
+from hydro_twin.plants.combinations import product_of_powers
 from hydro_twin.report.chart import AFTER, BEFORE, Illustration, plain
 from hydro_twin.report.summary import where
 from hydro_twin.result import AMBIGUOUS_DELTA_BIC, NEAR_DELTA_BIC, TraceResult
@@ -106,11 +107,10 @@ def parameter_rows(result: TraceResult, parameters: Mapping[str, Any]) -> list[d
     rows = [{**row, 'shift': None} if row['name'] in together else row for row in rows]
     for combination, before, after in zip(plant.combinations, result.combinations['before'],
                                           result.combinations['after'], strict=True):
-        units = {name: known[name][0]['unit'] for name in combination}
+        units = [(known[name][0]['unit'], power) for name, power in combination.items()]
         rows.append(_row(
-            _product({name: (name, power) for name, power in combination.items()}),
-            'known only together',
-            _product({name: (units[name], power) for name, power in combination.items()}),
+            product_of_powers(combination.items(), ' ', ' / '), 'known only together',
+            product_of_powers(units, ' ', ' / '),
             _plain(before), _plain(after)))
     return rows
 
@@ -124,10 +124,3 @@ def _row(name: str, meaning: str, unit: str, before: Mapping[str, Any], after: M
 
 def _plain(estimate: Estimate) -> dict[str, float | None]:
     return {'value': estimate.value, 'std_error': estimate.std_error}
-
-
-def _product(factors: Mapping[str, tuple[str, int]]) -> str:
-    """Write a product of powers, as in 'V_m / beta_e'."""
-    above = [text for text, power in factors.values() if power > 0]
-    below = [text for text, power in factors.values() if power < 0]
-    return ' / '.join([' '.join(above) or '1', *below])
