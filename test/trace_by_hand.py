@@ -14,7 +14,7 @@ from hydro_twin.inference.evaluate import result_of
 from hydro_twin.inference.evidence import Evidence
 from hydro_twin.inference.findings import Finding
 from hydro_twin.inference.held_out import improvement
-from hydro_twin.inference.noise import Burst, noise_floor
+from hydro_twin.inference.noise import BurstSamples, noise_floor
 from hydro_twin.inference.search import search
 from hydro_twin.model import Model, place
 from hydro_twin.plants import plant_named
@@ -102,7 +102,7 @@ def evidence(name, found=True, curve=False, seconds=0.6, source='a bag'):
         floor=noise_floor(after.by_part),
         white=is_white(after.by_part),
         lines=() if found else (Line(50.25, 0.125),),
-        bursts=() if found else (Burst(0, 50, 100),),
+        bursts=() if found else (BurstSamples(0, 50, 100),),
         depends_on=() if found and not curve else (
             Dependence(port, 'value', 0.625, 3.5e-7, np.linspace(-1.0, 1.0, 5),
                        np.arange(5.0)),),

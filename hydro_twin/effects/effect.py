@@ -95,7 +95,7 @@ class Span:
     @property
     def value(self) -> float:
         """Largest magnitude of the port's value."""
-        return max(abs(self.low), abs(self.high), 1e-12)
+        return max(abs(self.low), abs(self.high), TINY)
 
 
 ADDED = 'added'         # what an implicit effect added last

@@ -11,7 +11,7 @@ from hydro_twin.fitting.identifiability import Identifiability
 from hydro_twin.fitting.parts import Part
 from hydro_twin.inference.curve import FittedCurve
 from hydro_twin.inference.findings import Finding
-from hydro_twin.inference.noise import Burst, MAX_COLOURED_NOISE_RATIO
+from hydro_twin.inference.noise import BurstSamples, MAX_COLOURED_NOISE_RATIO
 from hydro_twin.inference.stepwise import MAX_HELD_OUT_RATIO
 from hydro_twin.plants import Plant
 from hydro_twin.recording.series import Recording
@@ -71,7 +71,7 @@ class Evidence:
     floor: float
     white: bool
     lines: tuple[Line, ...]
-    bursts: tuple[Burst, ...]
+    bursts: tuple[BurstSamples, ...]
     depends_on: tuple[Dependence, ...]
     drifts: tuple[float, float]
     by_ports: tuple[float, float]

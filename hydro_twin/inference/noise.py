@@ -106,7 +106,7 @@ def _running_median(values: FloatArray, width: int) -> FloatArray:
 
 
 @dataclass(frozen=True)
-class Burst:
+class BurstSamples:
     """When much of a residual comes.
 
     Attributes:
@@ -119,14 +119,14 @@ class Burst:
     end: int
 
 
-def bursts(stretches: Sequence[FloatArray]) -> list[Burst]:
+def bursts(stretches: Sequence[FloatArray]) -> list[BurstSamples]:
     """Find when a residual comes, if four tenths of its power come in a tenth of the time or less.
 
     So it does where something happened once, and not where a law is lacking that acts all along,
     nor in noise, white or coloured.
     """
-    blocks = [Burst(index, begin, min(begin + BLOCK, len(r))) for index, r in enumerate(stretches)
-              for begin in range(0, len(r), BLOCK)]
+    blocks = [BurstSamples(index, begin, min(begin + BLOCK, len(r)))
+              for index, r in enumerate(stretches) for begin in range(0, len(r), BLOCK)]
     if len(blocks) < MIN_BLOCKS:
         return []
     energy = np.array([float(np.sum(stretches[s.stretch][s.begin:s.end] ** 2)) for s in blocks])
@@ -134,10 +134,10 @@ def bursts(stretches: Sequence[FloatArray]) -> list[Burst]:
     loud = power > BURST * np.quantile(power, 0.75)
     if loud.mean() > MAX_BURST_TIME or energy[loud].sum() < MIN_BURST_POWER * energy.sum():
         return []
-    found: list[Burst] = []
+    found: list[BurstSamples] = []
     for k in np.flatnonzero(loud):
         if found and (found[-1].stretch, found[-1].end) == (blocks[k].stretch, blocks[k].begin):
-            found[-1] = Burst(blocks[k].stretch, found[-1].begin, blocks[k].end)
+            found[-1] = BurstSamples(blocks[k].stretch, found[-1].begin, blocks[k].end)
         else:
             found.append(blocks[k])
     return found

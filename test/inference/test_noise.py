@@ -5,7 +5,7 @@ from scipy.signal import lfilter
 
 from hydro_twin.fitting.whiteness import is_white
 from hydro_twin.inference.noise import (
-    Burst,
+    BurstSamples,
     bursts,
     lines,
     noise_floor,
@@ -87,7 +87,7 @@ def test_noise_has_no_bursts(memory, most):
 def test_a_burst_is_told_by_when_it_comes():
     first, second = noise(3, 900, 600)
     second[215:260] += 8.0 * np.sin(1.3 * np.arange(45))
-    assert bursts([first, second]) == [Burst(1, 200, 300)]
+    assert bursts([first, second]) == [BurstSamples(1, 200, 300)]
 
 
 def test_what_comes_again_and_again_is_no_burst():

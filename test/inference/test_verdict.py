@@ -11,7 +11,7 @@ from hydro_twin.fitting.parts import Part
 from hydro_twin.inference.curve import FittedCurve
 from hydro_twin.inference.evaluate import result_of
 from hydro_twin.inference.findings import Finding
-from hydro_twin.inference.noise import Burst, noise_floor
+from hydro_twin.inference.noise import BurstSamples, noise_floor
 from hydro_twin.inference.probability import (
     min_null_probability,
     of_verdict,
@@ -108,7 +108,7 @@ def test_what_the_data_do_not_decide_is_shared_with_the_rival(rubbing, distance)
 
 def test_the_probabilities_of_the_verdicts_sum_to_one(rubbing):
     for found in (rubbing, replace(rubbing, findings=()),
-                  replace(rubbing, findings=(), white=False, bursts=(Burst(0, 0, 50),))):
+                  replace(rubbing, findings=(), white=False, bursts=(BurstSamples(0, 0, 50),))):
         effects, verdict = named_effects(found), verdict_of(found)
         nothing, law_unknown = of_verdict(verdict, effects, much=False)
         named = 1.0 - nothing - law_unknown
