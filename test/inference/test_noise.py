@@ -5,8 +5,8 @@ from scipy.signal import lfilter
 
 from hydro_twin.fitting.whiteness import is_white
 from hydro_twin.inference.noise import (
-    BurstSamples,
     bursts,
+    BurstSamples,
     lines,
     noise_floor,
 )
