@@ -20,6 +20,7 @@ SAME = 0.999            # correlation of two signals from which one of them is e
 MIN_BLOCKS = 10         # for the tests, two in a fold
 RIDGES = (1e-5, 1e-3, 1e-1)     # of which the best is taken, and counted as three tries
 LAGS = (0.005, 0.025)    # [s]
+MIN_LAGS = (2.5, 12.5)  # samples: through less, what is sampled slowly passes unchanged
 P_PREDICTED = 0.05      # p-value below which the port signals predict the residual
 UNBOUNDED = 1e100       # of a column, whose squares would overflow
 SMALL = 0.03            # singular value over the largest, below which a direction is left out
@@ -47,8 +48,8 @@ def predicted_by_ports(fit: Fit, parts: Sequence[Part]) -> tuple[float, float]:
         shapes = np.column_stack([signals, np.abs(signals), signals * np.abs(signals),
                                   signals**3, *products])
         lagged = [shapes]
-        for lag in LAGS:
-            share = 1.0 - np.exp(-sample_time / lag)
+        for lag, least in zip(LAGS, MIN_LAGS, strict=True):
+            share = 1.0 - np.exp(-1.0 / max(lag / sample_time, least))
             lagged.append(scipy.signal.lfilter([share], [1.0, share - 1.0], shapes, axis=0))
         pieces.append(part.whitened(np.column_stack(lagged))[fit.candidate.start_up - 1:-1])
     held = fit.at_bound()

@@ -163,6 +163,20 @@ def regression(seed, gain, columns=6, n=3000):
     return X, gain * signal + rng.standard_normal(n), basis
 
 
+def test_dynamics_of_a_slow_recording_are_predicted():
+    """At 20 Hz, too, what a signal does half a second later is no noise."""
+    plant, sample_time, rng = PLANTS['cylinder'], 0.05, np.random.default_rng(0)
+    command = rng.uniform(-4.0, 4.0, (1500, 1))
+    model = Model(plant, plant.constant_values() | {'K_v': 0.02, 'tau': 0.1}, sample_time)
+    share = 1.0 - np.exp(-sample_time / 0.5)
+    later = lfilter([share], [1.0, share - 1.0], command[:, 0] ** 2)
+    moved = model.system.run(command, np.zeros(plant.order)) + 1e-3 * (later - later.mean())
+    parts = [Part(command, moved + 1e-4 * rng.standard_normal(len(moved)))]
+    predicted, p_value = predicted_by_ports(search(model, parts, LONG), parts)
+    assert predicted > 0.5
+    assert p_value < 1e-3
+
+
 def test_noise_is_not_predicted():
     p_values = [explained(*regression(seed, 0.0))[2] for seed in range(200)]
     assert np.mean(np.array(p_values) < 0.05) < 0.08
