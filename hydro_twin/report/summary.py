@@ -24,6 +24,7 @@ EVEN = 0.5              # probability from which a statement is more likely righ
 SETTLED = 3.0           # time constants, in which 95 % of a change are made
 COUNTED = 1000.0        # times the noise, beyond which a sentence gives no number: the noise of a
 #                         coarse encoder is almost nothing while it stands still
+UNCOUNTABLE = ('backlash', 'friction', 'leakage', 'stiffening')  # effects without an article
 DIFFERS = 'which was not fitted; the first third of each differs from the rest'
 TESTED: Mapping[TestPart, str] = {
     'recordings': 'bags that were not fitted',
@@ -107,16 +108,41 @@ def sentence(result: TraceResult) -> str:
         if result.curve is None:
             return f'{left}.'
         nearest = '' if result.best_named is None else (
-            '. The best named explanation, ' + ' and '.join(
-                where(placed, (placed.port.name,)) for placed in result.best_named.effects)
+            '. The best named explanation, ' + _listed([
+                _with_article(where(placed, (placed.port.name,)))
+                for placed in result.best_named.effects])
             + ', explains less')
         return (f'{left}. With a free curve of the {_over_curve(result.curve.placed)}, which '
                 f'has no name, {falls}{nearest}.')
-    named = ' and '.join(_named(effect, result.after) for effect in result.effects)
+    it = 'it' if len(result.effects) == 1 and result.curve is None else 'them'
+    return f'The model lacks {_lacks(result)}: with {it}, {falls}.'
+
+
+def _lacks(result: TraceResult) -> str:
+    """Name what was found: first what is certain, then what is likely, then what is unlikely."""
+    certain: list[str] = []
+    likely: list[str] = []
+    unlikely: list[str] = []
+    for effect in result.effects:
+        among = certain if effect.certain else unlikely if effect.law_unknown > EVEN else likely
+        among.append(_named(effect, result.after))
+    groups = [_listed(certain)] if certain else []
+    if likely:
+        begin = 'something that behaves' if len(likely) == 1 else 'effects that behave'
+        groups.append(f'{begin} like {_listed(likely)}')
+    if unlikely:
+        begin = 'something unexplained' if len(unlikely) == 1 else 'unexplained effects'
+        groups.append(f'{begin}, most like {_listed(unlikely)}')
     if result.curve:
-        named += (f', and something that no known effect explains, a free curve of the '
-                  f'{_over_curve(result.curve.placed)}')
-    return f'The model lacks {named}: with it, {falls}.'
+        groups.append('something that no known effect explains, a free curve of the '
+                      f'{_over_curve(result.curve.placed)}')
+    return ', and '.join(groups)
+
+
+def _listed(items: Sequence[str]) -> str:
+    """List items, as in 'a, b and c'."""
+    *first, last = items
+    return f'{", ".join(first)} and {last}' if first else last
 
 
 def over(port: Port, signal: str) -> str:
@@ -142,15 +168,19 @@ def where(placed: Placed, ports: Sequence[str]) -> str:
 
 
 def _named(effect: NamedEffect, model: Model) -> str:
-    text = where(effect.placed, (effect.port, *effect.other_ports))
+    text = _with_article(where(effect.placed, (effect.port, *effect.other_ports)))
     if effect.placed.effect.course is not None:
         text += f' ({_changes(effect.placed, effect.placed.effect.course, model)})'
     if effect.close:
         text = f'{text} (or {" or ".join(name.replace("_", " ") for name in effect.close)})'
-    if effect.certain:
+    return text
+
+
+def _with_article(text: str) -> str:
+    """Put 'a' or 'an' before what begins with the name of an effect."""
+    if text.startswith(UNCOUNTABLE):
         return text
-    unknown = effect.law_unknown > EVEN
-    return f'something {"unexplained, most like" if unknown else "that behaves like"} {text}'
+    return f'{"an" if text[0] in "aeiou" else "a"} {text}'
 
 
 def _changes(placed: Placed, course: Course, model: Model) -> str:

@@ -240,7 +240,7 @@ def test_it_is_named_with_its_rate_and_when_it_began():
     shape, = found.shapes
     by_law = np.interp(shape.free.knots, shape.time, shape.values)
     assert np.mean(np.abs(shape.free.added - by_law) < 3.0 * shape.free.std_error) > 0.8
-    assert 'The model lacks drift of K_ce (from ' in sentence(found)
+    assert 'The model lacks a drift of K_ce (from ' in sentence(found)
 
 
 @pytest.mark.slow

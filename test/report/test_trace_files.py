@@ -69,6 +69,22 @@ def test_how_sure_a_name_is_is_said(found, unknown, says):
     assert sentence(replace(found, effects=(friction,))).startswith(says)
 
 
+def test_effects_are_listed_by_how_sure_they_are(found):
+    (friction,) = found.effects
+    unknowns = (0.65, 0.15, 0.005, 0.15)
+    ids = ('dead_zone', 'bias', 'friction', 'leakage')
+    some = tuple(replace(
+        friction, placed=replace(friction.placed, effect=replace(friction.placed.effect, id=name)),
+        law_unknown=unknown, probability=1.0 - unknown)
+        for name, unknown in zip(ids, unknowns, strict=True))
+    assert sentence(replace(found, effects=some)).startswith(
+        'The model lacks friction at the motor, and effects that behave like a bias at the motor '
+        'and leakage at the motor, and something unexplained, most like a dead zone at the '
+        'motor: with them, the ')
+    assert sentence(replace(found, effects=(some[2], some[2], some[2]))).startswith(
+        'The model lacks friction at the motor, friction at the motor and friction at the motor: ')
+
+
 def test_a_run_that_diverges_is_reported_and_nothing_is_lost(found, tmp_path):
     errors = {when: {mode: dict(parts) for mode, parts in modes.items()}
               for when, modes in found.before.errors.items()}

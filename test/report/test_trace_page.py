@@ -120,7 +120,8 @@ def test_names_that_a_curve_took_the_place_of_are_told():
         'effects': [{'id': 'asymmetry', 'port': 'piston',
                      'parameters': {'imbalance': {'value': 0.25, 'unit': '1'}}}],
         'held_out_error': 0.125}
-    assert 'The best named explanation, asymmetry at the piston, explains less.' in summary['says']
+    assert ('The best named explanation, an asymmetry at the piston, explains less.'
+            in summary['says'])
     assert fault(json.loads(json.dumps(summary)), 'report') == ''
 
 
