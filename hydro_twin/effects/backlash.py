@@ -26,6 +26,7 @@ def starts(span: Span) -> Starts:
 EFFECT = Effect(
     id='backlash',
     title='backlash',
+    countable=False,
     kinds=('coupling',),
     reads=('twist',),
     parameters=(EffectParameter('gap', 'half of the play', 'twist', 1e-12, 1e3),),

@@ -177,6 +177,7 @@ class Effect:
             in the wrong phase.
         shows: what an observer publishes of it.
         simpler: id of an effect that is chosen instead unless this one is clearly better.
+        countable: whether its name takes an article in a sentence, as 'a lag', but 'friction'.
     """
 
     id: str
@@ -205,6 +206,7 @@ class Effect:
     dynamic: bool = False
     periodic: bool = False
     simpler: str = ''
+    countable: bool = True
     shows: tuple[Quantity, ...] = ()
 
     def __post_init__(self) -> None:

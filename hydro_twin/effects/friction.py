@@ -94,6 +94,7 @@ def distinguishable(span: Span, values: tuple[float, ...]) -> bool:
 EFFECT = Effect(
     id='friction',
     title='dry friction',
+    countable=False,
     kinds=('force',),
     reads=('velocity',),
     parameters=(

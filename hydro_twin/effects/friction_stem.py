@@ -23,6 +23,7 @@ def starts(span: Span) -> Starts:
 EFFECT = Effect(
     id='friction',
     title='dry friction',
+    countable=False,
     kinds=('balance',),
     parameters=(EffectParameter('coulomb', 'sliding force F_c', 'value', 1e-9, 1e9),),
     starts=starts,

@@ -35,6 +35,7 @@ def distinguishable(span: Span, values: tuple[float, ...]) -> bool:
 EFFECT = Effect(
     id='leakage',
     title='leakage other than laminar',
+    countable=False,
     kinds=('leakage',),
     reads=('load_pressure',),
     parameters=(

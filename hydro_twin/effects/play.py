@@ -30,6 +30,7 @@ def distinguishable(span: Span, values: tuple[float, ...]) -> bool:
 EFFECT = Effect(
     id='backlash',
     title='backlash',
+    countable=False,
     kinds=('stem', 'linkage'),
     parameters=(EffectParameter('gap', 'half of the play', 'value', 1e-12, 1e9),),
     starts=starts,

@@ -33,6 +33,7 @@ def refined(span: Span, values: tuple[float, ...]) -> Starts:
 EFFECT = Effect(
     id='stiffening',
     title='stiffening coupling',
+    countable=False,
     kinds=('coupling',),
     reads=('twist',),
     parameters=(

@@ -24,7 +24,6 @@ EVEN = 0.5              # probability from which a statement is more likely righ
 SETTLED = 3.0           # time constants, in which 95 % of a change are made
 COUNTED = 1000.0        # times the noise, beyond which a sentence gives no number: the noise of a
 #                         coarse encoder is almost nothing while it stands still
-UNCOUNTABLE = ('backlash', 'friction', 'leakage', 'stiffening')  # effects without an article
 DIFFERS = 'which was not fitted; the first third of each differs from the rest'
 TESTED: Mapping[TestPart, str] = {
     'recordings': 'bags that were not fitted',
@@ -109,7 +108,7 @@ def sentence(result: TraceResult) -> str:
             return f'{left}.'
         nearest = '' if result.best_named is None else (
             '. The best named explanation, ' + _listed([
-                _with_article(where(placed, (placed.port.name,)))
+                _with_article(placed, (placed.port.name,))
                 for placed in result.best_named.effects])
             + ', explains less')
         return (f'{left}. With a free curve of the {_over_curve(result.curve.placed)}, which '
@@ -168,7 +167,7 @@ def where(placed: Placed, ports: Sequence[str]) -> str:
 
 
 def _named(effect: NamedEffect, model: Model) -> str:
-    text = _with_article(where(effect.placed, (effect.port, *effect.other_ports)))
+    text = _with_article(effect.placed, (effect.port, *effect.other_ports))
     if effect.placed.effect.course is not None:
         text += f' ({_changes(effect.placed, effect.placed.effect.course, model)})'
     if effect.close:
@@ -176,9 +175,10 @@ def _named(effect: NamedEffect, model: Model) -> str:
     return text
 
 
-def _with_article(text: str) -> str:
-    """Put 'a' or 'an' before what begins with the name of an effect."""
-    if text.startswith(UNCOUNTABLE):
+def _with_article(placed: Placed, ports: Sequence[str]) -> str:
+    """Name an effect with its ports, after 'a' or 'an' if it can be counted."""
+    text = where(placed, ports)
+    if not placed.effect.countable:
         return text
     return f'{"an" if text[0] in "aeiou" else "a"} {text}'
 

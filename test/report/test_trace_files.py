@@ -13,6 +13,7 @@ from test_trace_page import PROVENANCE
 from trace_by_hand import evidence, result
 import yaml
 
+from hydro_twin.effects import bias, dead_zone, friction_stem, Placed, play
 from hydro_twin.errors import UserError
 from hydro_twin.fitting.output_error import free_run
 from hydro_twin.inference.evaluate import result_of
@@ -72,14 +73,14 @@ def test_how_sure_a_name_is_is_said(found, unknown, says):
 def test_effects_are_listed_by_how_sure_they_are(found):
     (friction,) = found.effects
     unknowns = (0.65, 0.15, 0.005, 0.15)
-    ids = ('dead_zone', 'bias', 'friction', 'leakage')
+    effects = [module.EFFECT for module in (dead_zone, bias, friction_stem, play)]
     some = tuple(replace(
-        friction, placed=replace(friction.placed, effect=replace(friction.placed.effect, id=name)),
+        friction, placed=Placed(effect, friction.placed.port, (1.0,) * len(effect.parameters)),
         law_unknown=unknown, probability=1.0 - unknown)
-        for name, unknown in zip(ids, unknowns, strict=True))
+        for effect, unknown in zip(effects, unknowns, strict=True))
     assert sentence(replace(found, effects=some)).startswith(
         'The model lacks friction at the motor, and effects that behave like a bias at the motor '
-        'and leakage at the motor, and something unexplained, most like a dead zone at the '
+        'and backlash at the motor, and something unexplained, most like a dead zone at the '
         'motor: with them, the ')
     assert sentence(replace(found, effects=(some[2], some[2], some[2]))).startswith(
         'The model lacks friction at the motor, friction at the motor and friction at the motor: ')
