@@ -46,7 +46,7 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
     from hydro_twin.progress import progress
     from hydro_twin.recording.digest import source_of
     from hydro_twin.recording.signals import load_signals
-    from hydro_twin.recording.table import read_table
+    from hydro_twin.recording.table import read_tables
     from hydro_twin.recording.table_map import load_map, units_in_bag
     from hydro_twin.recording.write import write_recording
 
@@ -62,12 +62,8 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
         plant.name, needed, optional=sensors).items() if name in table_map.signals}
     units = units_in_bag(table_map, {s.name: s.unit for s in (*plant.signals, *plant.sensors)},
                          str(args.map))
-    series: list[StampedSeries] = []
     with progress('reading', len(args.tables)) as advance:
-        for table in args.tables:
-            series += read_table(table, table_map, int(series[-1].stamps[-1]) if series else None,
-                                 sensors)
-            advance()
+        series = read_tables(args.tables, table_map, sensors, advance)
     _check_readable(series)
     about = {'table': ', '.join(table.name for table in args.tables),
              'sha256': ', '.join(source_of(table).sha256 for table in args.tables),

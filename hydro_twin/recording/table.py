@@ -1,7 +1,8 @@
 """Reads tables (text, MAT, NPZ) as series, with stamps by a time column or a sample rate."""
 from __future__ import annotations
 
-from collections.abc import Collection, Mapping
+from collections.abc import Callable, Collection, Mapping, Sequence
+from dataclasses import dataclass
 from itertools import pairwise
 import logging
 import math
@@ -19,29 +20,51 @@ from hydro_twin.recording.table_map import TableMap
 log = logging.getLogger(__name__)
 
 START = 1_000_000_000   # stamp of the first sample [ns]: in ROS a stamp of zero means none
-PAUSE = 10_000_000_000   # between two runs [ns], or twice what would still be bridged if longer
+PAUSE = 10_000_000_000   # between two runs where it is not known [ns]
 LONGEST = 2e9   # [s]: a stamp holds seconds in 32 bits
 EVEN = 0.01   # of a period: a time column is off the line by rounding only, not by jitter
 
 
-def read_table(path: Path, table_map: TableMap, after: int | None = None,
-               sensors: Collection[str] = ()) -> list[StampedSeries]:
-    """Read a table as series, with the times of its rows as stamps.
+@dataclass(frozen=True)
+class Last:
+    """When the last row of a table was: by its stamp in the bag [ns], and by the table [s]."""
+
+    stamp: int
+    seconds: float
+
+
+def read_tables(paths: Sequence[Path], table_map: TableMap, sensors: Collection[str] = (),
+                done: Callable[[], None] = lambda: None) -> list[StampedSeries]:
+    """Read tables as series, with the times of their rows as stamps.
 
     A new series begins where the `series` column changes, where the time goes back, and after a
     pause of more than MAX_GAP times the typical period. Of rows with the same time the first
     counts. Times that are even but for rounding (of the column, or of seconds since 1970 in
-    floating point) are put on their line.
+    floating point) are put on their line. Where a table begins after the end of the one before
+    it, by the time column, the pause between them is kept, so that a drift goes on at its rate;
+    but it is at least twice what would still be bridged.
 
     Args:
-        path: the table.
-        table_map: how to read it.
-        after: the last stamp of what comes before it in the bag [ns]; None if it is the first.
+        paths: the tables.
+        table_map: how to read them.
         sensors: signals that may be nan, where they were not measured.
+        done: is called after each table.
 
     Raises:
-        BagError: the table cannot be read, lacks a column, or holds what is not a number.
+        BagError: a table cannot be read, lacks a column, or holds what is not a number.
     """
+    series: list[StampedSeries] = []
+    last = None
+    for path in paths:
+        some, last = _read(path, table_map, last, sensors)
+        series += some
+        done()
+    return series
+
+
+def _read(path: Path, table_map: TableMap, after: Last | None, sensors: Collection[str]
+          ) -> tuple[list[StampedSeries], Last]:
+    """Read a table as series, and its last row."""
     entries = [*table_map.signals.values(), *([table_map.time] if table_map.time else [])]
     wanted = {name for entry in entries for name in entry.columns}
     if table_map.series:
@@ -79,7 +102,11 @@ def read_table(path: Path, table_map: TableMap, after: int | None = None,
         _report_repeated(path, rows[~kept], len(rows))
     table = {name: column[kept] for name, column in table.items()}
     columns = {name: entry.take(table) for name, entry in table_map.signals.items()}
-    return _cut(columns, time[kept], new_run[kept[1:]], after, str(path))
+    seconds = seconds[inside][kept]
+    pause = 0.0 if after is None else float(seconds[0]) - after.seconds
+    series = _cut(columns, time[kept], new_run[kept[1:]], str(path),
+                  None if after is None else after.stamp, pause)
+    return series, Last(int(series[-1].stamps[-1]), float(seconds[-1]))
 
 
 def _counted(table_map: TableMap, rows: IntArray) -> FloatArray:
@@ -122,28 +149,31 @@ def _report_repeated(path: Path, repeated: IntArray, count: int) -> None:
                 path, len(repeated), repeated[0])
 
 
-def _cut(columns: Mapping[str, FloatArray], time: IntArray, new_run: np.ndarray,
-         after: int | None, source: str) -> list[StampedSeries]:
+def _cut(columns: Mapping[str, FloatArray], time: IntArray, new_run: np.ndarray, source: str,
+         after: int | None, pause: float) -> list[StampedSeries]:
     """Cut rows into series, and place the runs one after the other.
 
     Args:
         columns: signal -> values, shape (N,).
         time: of the rows [ns], shape (N,), strictly increasing within a run.
         new_run: whether a run begins with the second row, the third, ..., shape (N - 1,).
-        after: the last stamp of what comes before [ns].
         source: what the series say that they come from.
+        after: the last stamp of what comes before [ns].
+        pause: since then [s]; not above 0, or longer than stamps can be, if it is not known.
     """
     steps = np.diff(time)
     periods = steps[~new_run]
     typical = float(np.median(periods)) if len(periods) else 0.0
-    pause = max(PAUSE, math.ceil(2 * MAX_GAP * typical))
+    least = math.ceil(2 * MAX_GAP * typical)
     cut = new_run | (steps > MAX_GAP * typical)
     ends = [0, *(np.flatnonzero(cut) + 1).tolist(), len(time)]
     series: list[StampedSeries] = []
     offset = 0
     for begin, end in pairwise(ends):
         if begin == 0 or new_run[begin - 1]:
-            offset = (START if after is None else after + pause) - int(time[begin])
+            known = begin == 0 and 0.0 < pause < LONGEST
+            wait = max(round(pause * 1e9) if known else PAUSE, least)
+            offset = (START if after is None else after + wait) - int(time[begin])
         stamps = _evened(time[begin:end] + offset)
         series.append(StampedSeries(
             {name: column[begin:end] for name, column in columns.items()}, stamps, source))

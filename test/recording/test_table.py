@@ -12,7 +12,7 @@ from scipy.io import savemat
 
 from hydro_twin.errors import BagError, UserError
 from hydro_twin.recording.grid import MAX_GAP
-from hydro_twin.recording.table import read_table, START
+from hydro_twin.recording.table import read_tables, START
 from hydro_twin.recording.table_map import load_map, units_in_bag
 
 MAP = """
@@ -42,13 +42,13 @@ def test_a_decimal_comma(tmp_path):
     path.write_text(CSV.replace(',', ';').replace('.', ','))
     assert '0,125' in path.read_text()
     with pytest.raises(BagError, match=r"row 1: '0,0'; for a decimal comma give decimal: ','"):
-        read_table(path, table_map(tmp_path))
-    (series,) = read_table(path, table_map(tmp_path, MAP + "decimal: ','\n"))
+        read_tables([path], table_map(tmp_path))
+    (series,) = read_tables([path], table_map(tmp_path, MAP + "decimal: ','\n"))
     for name, values in zip(('command', 'x'), expected(), strict=True):
         np.testing.assert_allclose(series[name], values, rtol=1e-12)
     path.write_text(CSV)
     with pytest.raises(BagError, match='a comma separates its columns'):
-        read_table(path, table_map(tmp_path, MAP + "decimal: ','\n"))
+        read_tables([path], table_map(tmp_path, MAP + "decimal: ','\n"))
     with pytest.raises(UserError, match=r"decimal must be '.' or ',', not ';'"):
         table_map(tmp_path, MAP + "decimal: ';'\n")
 
@@ -58,14 +58,15 @@ def test_columns_without_names_are_counted(tmp_path):
     path.write_text(CSV.partition('\n')[2])
     numbered = re.sub(r'\b(t|speed|direction|x)([},\]])', lambda name: str(
         1 + ['t', 'speed', 'direction', 'x'].index(name[1])) + name[2], MAP)
-    (series,) = read_table(path, table_map(tmp_path, numbered + 'header: false\n'))
+    (series,) = read_tables([path], table_map(tmp_path, numbered + 'header: false\n'))
     for name, values in zip(('command', 'x'), expected(), strict=True):
         np.testing.assert_allclose(series[name], values, rtol=1e-12)
     with pytest.raises(UserError, match="header must be true or false, not 'no'"):
         table_map(tmp_path, MAP + "header: 'no'\n")
     path.write_text('# ramp, 1 of 2, by hand\n\n# t, speed\n'
                     + CSV.partition('\n')[2].replace(',', '\t'))
-    (below,) = read_table(path, table_map(tmp_path, numbered + 'header: false\nrows: [3, null]\n'))
+    (below,) = read_tables(
+        [path], table_map(tmp_path, numbered + 'header: false\nrows: [3, null]\n'))
     assert len(below) == len(series)
     np.testing.assert_array_equal(below['x'], series['x'])
 
@@ -82,7 +83,7 @@ signals: {command: {column: 2}, x: {column: 3}}
 header: false
 decimal: ','
 """
-    (series,) = read_table(path, table_map(tmp_path, text))
+    (series,) = read_tables([path], table_map(tmp_path, text))
     assert series['command'].tolist() == [k + 0.25 for k in range(20)]
     assert series['x'].tolist() == [k + 0.5 for k in range(20)]
 
@@ -93,7 +94,7 @@ def test_a_damaged_archive_is_one_line(tmp_path):
     content[12:20] = bytes(range(248, 256))
     path.write_bytes(content)
     with pytest.raises(BagError, match=r'a\.csv\.gz cannot be read'):
-        read_table(path, table_map(tmp_path))
+        read_tables([path], table_map(tmp_path))
 
 
 @pytest.mark.parametrize('form', ['mat', 'npz'])
@@ -105,7 +106,7 @@ def test_arrays_that_would_be_misread(tmp_path, form, more, column, says):
     columns = {'u': np.arange(9.0), **more}
     savemat(path, columns) if form == 'mat' else np.savez(path, **columns)
     with pytest.raises(BagError, match=re.escape(f'{path}: {says}')):
-        read_table(path, table_map(tmp_path, f"""
+        read_tables([path], table_map(tmp_path, f"""
 plant: cylinder
 sample_rate: 250
 signals: {{command: u, x: '{column}'}}
@@ -121,26 +122,26 @@ def test_a_sample_rate_too_slow_for_stamps(tmp_path):
     (tmp_path / 'a.csv').write_text('u\n' + '1\n' * 20)
     with pytest.raises(BagError, match=r'span 1.9e\+10 s, more than stamps can: is the '
                        r'sample_rate right'):
-        read_table(tmp_path / 'a.csv', table_map(
+        read_tables([tmp_path / 'a.csv'], table_map(
             tmp_path, 'plant: cylinder\nsample_rate: 1e-9\nsignals: {x: u, command: u}'))
 
 
 def test_blanks_between_columns(tmp_path):
     path = tmp_path / 'a.txt'
     path.write_text('# ' + CSV.replace(',', '   '))
-    (series,) = read_table(path, table_map(tmp_path))
+    (series,) = read_tables([path], table_map(tmp_path))
     for name, values in zip(('command', 'x'), expected(), strict=True):
         np.testing.assert_allclose(series[name], values, rtol=1e-12)
     path.write_text('t speed direction x\n 0 1 1 oops\n')
     with pytest.raises(BagError, match=r"column x is not a finite number in row 1: 'oops'"):
-        read_table(path, table_map(tmp_path))
+        read_tables([path], table_map(tmp_path))
 
 
 def test_a_file_that_is_not_in_utf_8_says_so(tmp_path):
     path = tmp_path / 'a.csv'
     path.write_bytes(CSV.replace('note', 'Prüfer').encode('latin-1'))
     with pytest.raises(BagError, match='cannot be read: save it in UTF-8'):
-        read_table(path, table_map(tmp_path))
+        read_tables([path], table_map(tmp_path))
 
 
 @pytest.mark.parametrize('form', ['comma', 'semicolon', 'gzip', 'mat', 'npz', 'quoted'])
@@ -158,7 +159,7 @@ def test_units_scale_and_product(tmp_path, form):
         path.write_text('\ufeff' + ', '.join(f'"{n}"' for n in names.split(',')) + '\n' + rows)
     else:
         path.write_text(CSV.replace(',', ';') if form == 'semicolon' else CSV)
-    (series,) = read_table(path, table_map(tmp_path))
+    (series,) = read_tables([path], table_map(tmp_path))
     command, x = expected()
     assert series.stamps.tolist() == [START + 2_000_000 * k for k in range(20)]
     np.testing.assert_allclose(series['command'], command, rtol=1e-14)
@@ -167,7 +168,7 @@ def test_units_scale_and_product(tmp_path, form):
 
 def test_sample_rate_and_a_number_that_goes_for_all_rows(tmp_path):
     savemat(tmp_path / 'a.mat', {'gain': 3.0, 'u': np.arange(9.0)})
-    (series,) = read_table(tmp_path / 'a.mat', table_map(tmp_path, """
+    (series,) = read_tables([tmp_path / 'a.mat'], table_map(tmp_path, """
 plant: cylinder
 sample_rate: 250
 signals: {command: {product: [u, gain]}, x: gain}
@@ -180,7 +181,7 @@ signals: {command: {product: [u, gain]}, x: gain}
 def test_series_by_a_column_and_by_pauses(tmp_path):
     rows = [(0, 1), (1, 1), (2, 1), (8, 1), (9, 1), (3, 2), (4, 2), (5, 2)]
     (tmp_path / 'a.csv').write_text('t,run\n' + ''.join(f'{t},{run}\n' for t, run in rows))
-    series = read_table(tmp_path / 'a.csv', table_map(tmp_path, """
+    series = read_tables([tmp_path / 'a.csv'], table_map(tmp_path, """
 plant: cylinder
 time: t
 series: run
@@ -248,7 +249,7 @@ def test_mistakes_in_a_table(tmp_path, name, content, says):
     if content is not None:
         (tmp_path / name).write_bytes(content)
     with pytest.raises(BagError, match=says) as caught:
-        read_table(tmp_path / name, table_map(tmp_path))
+        read_tables([tmp_path / name], table_map(tmp_path))
     assert '\n' not in str(caught.value)
 
 
@@ -261,10 +262,10 @@ def test_a_column_of_an_array_of_several(tmp_path, name):
     else:
         np.savez(tmp_path / name, **arrays)
     said = 'plant: cylinder\ntime: {column: t}\nsignals: {command: "q[1]", x: "q[0]"}\n'
-    (series,) = read_table(tmp_path / name, table_map(tmp_path, said))
+    (series,) = read_tables([tmp_path / name], table_map(tmp_path, said))
     assert series['command'].tolist() == (10 * k).tolist()
     with pytest.raises(BagError, match='index 2 is out of bounds'):
-        read_table(tmp_path / name, table_map(tmp_path, said.replace('q[0]', 'q[2]')))
+        read_tables([tmp_path / name], table_map(tmp_path, said.replace('q[0]', 'q[2]')))
 
 
 @pytest.mark.parametrize(('x', 'says'), [
@@ -273,7 +274,7 @@ def test_a_column_of_an_array_of_several(tmp_path, name):
 def test_arrays_that_are_no_columns(tmp_path, x, says):
     np.savez(tmp_path / 'a.npz', t=np.arange(9.0), speed=np.ones(9), direction=np.ones(9), x=x)
     with pytest.raises(BagError, match=says):
-        read_table(tmp_path / 'a.npz', table_map(tmp_path))
+        read_tables([tmp_path / 'a.npz'], table_map(tmp_path))
 
 
 def test_mat_variables_that_are_no_columns(tmp_path):
@@ -282,7 +283,7 @@ def test_mat_variables_that_are_no_columns(tmp_path):
                     (np.array(['text']), 'cannot be read'), ({'a': 1}, 'cannot be read')):
         savemat(tmp_path / 'a.mat', good | {'x': x})
         with pytest.raises(BagError, match=says):
-            read_table(tmp_path / 'a.mat', table_map(tmp_path))
+            read_tables([tmp_path / 'a.mat'], table_map(tmp_path))
 
 
 PLAIN = """
@@ -295,7 +296,7 @@ signals: {command: u, x: x}
 def plain(tmp_path, rows, text=PLAIN, unit='s'):
     """Read a table of rows (t, u, x); t is written with all its digits."""
     (tmp_path / 'a.csv').write_text('t,u,x\n' + ''.join(f'{t!r},{u},{x}\n' for t, u, x in rows))
-    return read_table(tmp_path / 'a.csv', table_map(tmp_path, text.replace('UNIT', unit)))
+    return read_tables([tmp_path / 'a.csv'], table_map(tmp_path, text.replace('UNIT', unit)))
 
 
 @settings(max_examples=60, deadline=None)
@@ -366,7 +367,8 @@ def test_a_last_row_cut_short_is_left_out(tmp_path, caplog):
     (tmp_path / 'a.csv').write_text('t,u,x,note\n' + ''.join(
         f'{0.1 * k:.1f},1,2.5,-\n' for k in range(20)) + '2.0,1,2')
     with caplog.at_level(logging.WARNING):
-        (series,) = read_table(tmp_path / 'a.csv', table_map(tmp_path, PLAIN.replace('UNIT', 's')))
+        (series,) = read_tables(
+            [tmp_path / 'a.csv'], table_map(tmp_path, PLAIN.replace('UNIT', 's')))
     assert series['x'].tolist() == [2.5] * 20
     assert 'the last row is cut short (3 of 4 columns)' in caplog.text
 
@@ -389,7 +391,7 @@ def test_rows_and_times_outside_are_not_read(tmp_path, crop, left, form):
     else:
         savemat(tmp_path / 'a.mat', {'t': time, 'u': 1.0, 'x': x})
     text = PLAIN.replace('UNIT', 's') + crop
-    (series,) = read_table(tmp_path / f'a.{form}', table_map(tmp_path, text))
+    (series,) = read_tables([tmp_path / f'a.{form}'], table_map(tmp_path, text))
     assert series['x'].tolist() == list(left)
     assert series.stamps.tolist() == [START + 20_000_000 * k for k in range(len(left))]
 
@@ -406,16 +408,16 @@ signals:
   command: {column: Valve (V), unit: V}
   x: {column: "Position [mm]", unit: mm}
 """
-    (series,) = read_table(tmp_path / 'a.csv', table_map(tmp_path, text))
+    (series,) = read_tables([tmp_path / 'a.csv'], table_map(tmp_path, text))
     assert series['command'].tolist() == list(range(20))
     np.testing.assert_allclose(series['x'], 0.01 * np.arange(20), rtol=1e-14)
     with pytest.raises(BagError, match=r'column Valve .V. .* in row 22: the cell is empty'):
-        read_table(tmp_path / 'a.csv', table_map(tmp_path, text.replace('21', '24')))
+        read_tables([tmp_path / 'a.csv'], table_map(tmp_path, text.replace('21', '24')))
     with pytest.raises(BagError, match='has no row 40'):
-        read_table(tmp_path / 'a.csv', table_map(tmp_path, text.replace('[2, 21]', '[40, 50]')))
+        read_tables([tmp_path / 'a.csv'], table_map(tmp_path, text.replace('[2, 21]', '[40, 50]')))
     crop = text.replace('rows: [2, 21]', 'rows: [2, 21]\ntime_range: [7, 8]')
     with pytest.raises(BagError, match=r'no rows between 7 and 8 s; its times are 0 to 1.9 s'):
-        read_table(tmp_path / 'a.csv', table_map(tmp_path, crop))
+        read_tables([tmp_path / 'a.csv'], table_map(tmp_path, crop))
 
 
 @pytest.mark.parametrize(('given', 'unit', 'shown'), [
@@ -446,8 +448,25 @@ def test_the_map_that_the_documentation_shows(tmp_path):
     rows = [(1000 * k, 1 + k // 40, 2.02, 3.0, k) for k in range(100)]
     (tmp_path / 'a.csv').write_text('Time [ms],run,Valve (V),gain,sensor\n' + ''.join(
         ','.join(map(str, row)) + '\n' for row in rows))
-    first, second, third = read_table(tmp_path / 'a.csv', read)
+    first, second, third = read_tables([tmp_path / 'a.csv'], read)
     assert [len(s) for s in (first, second, third)] == [27, 40, 1]   # of 13 to 80 s
     assert first['command'] == pytest.approx(2.0)
     np.testing.assert_allclose(second['x'], 20 * 3e-3 * np.arange(40, 80), rtol=1e-14)
     assert units_in_bag(read, {'command': '1', 'x': 'm'}, '') == {'command': 'V', 'x': 'm'}
+
+
+@pytest.mark.parametrize(('first', 'second', 'pause'), [
+    (0.0, 3600.0, 3581.0),
+    (1.7e9, 1.7e9 + 50.0, 31.0),
+    (0.0, 19.5, 2.0 * MAX_GAP),             # too short to be seen as one
+    (0.0, 0.0, 10.0),                       # each table with a clock of its own
+    (100.0, 50.0, 10.0),
+])
+def test_the_pause_between_tables_is_kept(tmp_path, first, second, pause):
+    for name, begin in (('a.csv', first), ('b.csv', second)):
+        (tmp_path / name).write_text('t,u,x\n' + ''.join(
+            f'{begin + k!r},{k},{k}\n' for k in range(20)))
+    read = table_map(tmp_path, PLAIN.replace('UNIT', 's'))
+    one, two = read_tables([tmp_path / 'a.csv', tmp_path / 'b.csv'], read)
+    assert one.stamps[0] == START
+    assert (two.stamps[0] - one.stamps[-1]) * 1e-9 == pytest.approx(pause, abs=1e-6)
