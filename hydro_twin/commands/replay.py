@@ -26,7 +26,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the arguments of the verb."""
     parser.add_argument('bag', type=Path, metavar='BAG', help='a rosbag2 recording')
     parser.add_argument('--model', type=Path, metavar='MODEL',
-                        help='the model file to run; needed, but with --publish')
+                        help='the model file to run; needed except with --publish')
     parser.add_argument('-o', '--output', type=Path, metavar='OUT',
                         help='a bag to make: the recording, with the predictions')
     parser.add_argument('--picture', type=Path, metavar='PNG',

@@ -159,7 +159,7 @@ def _cut(columns: Mapping[str, FloatArray], time: IntArray, new_run: np.ndarray,
         new_run: whether a run begins with the second row, the third, ..., shape (N - 1,).
         source: what the series say that they come from.
         after: the last stamp of what comes before [ns].
-        pause: since then [s]; not above 0, or longer than stamps can be, if it is not known.
+        pause: since then [s]; not above 0, or beyond what stamps can hold, if it is not known.
     """
     steps = np.diff(time)
     periods = steps[~new_run]
@@ -171,7 +171,7 @@ def _cut(columns: Mapping[str, FloatArray], time: IntArray, new_run: np.ndarray,
     offset = 0
     for begin, end in pairwise(ends):
         if begin == 0 or new_run[begin - 1]:
-            known = begin == 0 and 0.0 < pause < LONGEST
+            known = begin == 0 and 0.0 < pause < LONGEST - 1e-9 * (after or 0)
             wait = max(round(pause * 1e9) if known else PAUSE, least)
             offset = (START if after is None else after + wait) - int(time[begin])
         stamps = _evened(time[begin:end] + offset)

@@ -461,6 +461,7 @@ def test_the_map_that_the_documentation_shows(tmp_path):
     (0.0, 19.5, 2.0 * MAX_GAP),             # too short to be seen as one
     (0.0, 0.0, 10.0),                       # each table with a clock of its own
     (100.0, 50.0, 10.0),
+    (0.0, 2.5e9, 10.0),                     # beyond what stamps can hold
 ])
 def test_the_pause_between_tables_is_kept(tmp_path, first, second, pause):
     for name, begin in (('a.csv', first), ('b.csv', second)):
