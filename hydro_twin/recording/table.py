@@ -103,10 +103,18 @@ def _read(path: Path, table_map: TableMap, after: Last | None, sensors: Collecti
     table = {name: column[kept] for name, column in table.items()}
     columns = {name: entry.take(table) for name, entry in table_map.signals.items()}
     seconds = seconds[inside][kept]
-    pause = 0.0 if after is None else float(seconds[0]) - after.seconds
     series = _cut(columns, time[kept], new_run[kept[1:]], str(path),
-                  None if after is None else after.stamp, pause)
+                  None if after is None else after.stamp, _pause(after, float(seconds[0])))
     return series, Last(int(series[-1].stamps[-1]), float(seconds[-1]))
+
+
+def _pause(after: Last | None, begin: float) -> int:
+    """Return the time from the last row to one at so many seconds [ns]; PAUSE if not known."""
+    if after is None:
+        return PAUSE
+    pause = begin - after.seconds
+    # Tables with clocks of their own may seem to follow each other by more than stamps can hold.
+    return round(pause * 1e9) if 0.0 < pause < LONGEST - 1e-9 * after.stamp else PAUSE
 
 
 def _counted(table_map: TableMap, rows: IntArray) -> FloatArray:
@@ -150,7 +158,7 @@ def _report_repeated(path: Path, repeated: IntArray, count: int) -> None:
 
 
 def _cut(columns: Mapping[str, FloatArray], time: IntArray, new_run: np.ndarray, source: str,
-         after: int | None, pause: float) -> list[StampedSeries]:
+         after: int | None, pause: int) -> list[StampedSeries]:
     """Cut rows into series, and place the runs one after the other.
 
     Args:
@@ -159,7 +167,7 @@ def _cut(columns: Mapping[str, FloatArray], time: IntArray, new_run: np.ndarray,
         new_run: whether a run begins with the second row, the third, ..., shape (N - 1,).
         source: what the series say that they come from.
         after: the last stamp of what comes before [ns].
-        pause: since then [s]; not above 0, or beyond what stamps can hold, if it is not known.
+        pause: since then [ns], at least; between two runs it is PAUSE.
     """
     steps = np.diff(time)
     periods = steps[~new_run]
@@ -171,9 +179,8 @@ def _cut(columns: Mapping[str, FloatArray], time: IntArray, new_run: np.ndarray,
     offset = 0
     for begin, end in pairwise(ends):
         if begin == 0 or new_run[begin - 1]:
-            known = begin == 0 and 0.0 < pause < LONGEST - 1e-9 * (after or 0)
-            wait = max(round(pause * 1e9) if known else PAUSE, least)
-            offset = (START if after is None else after + wait) - int(time[begin])
+            offset = (START if after is None else after + max(pause, least)) - int(time[begin])
+            pause = PAUSE
         stamps = _evened(time[begin:end] + offset)
         series.append(StampedSeries(
             {name: column[begin:end] for name, column in columns.items()}, stamps, source))
