@@ -27,10 +27,13 @@ from hydro_twin.inference.search import LONG, search, search_sticking
 from hydro_twin.inference.select import Alternative, fit_alternatives
 from hydro_twin.inference.stepwise import (
     best_timing,
+    exchange,
     FINEST,
     is_discretisation_error,
     is_residual_structured,
+    LATER,
     MIN_EXPLAINED_SHARE,
+    MOST_EFFECTS,
     select_forward,
     with_fine_steps,
     without_indistinct,
@@ -117,17 +120,11 @@ def _by_likelihood(base: Fit, selection: Selection, context: Context) -> Explana
         surely better on held-out data, by this likelihood or by the run itself, or no better by
         the run.
     """
-    parts, given = context.parts, base.candidate.effects
+    parts = context.parts
     white = replace(context, parts=whitened(parts, selection.fit),
                     held_out=whitened(context.held_out, selection.fit), known={}, fits={})
-    known = [replace(base.candidate, values=selection.fit.candidate.values,
-                     effects=(*given, placed))
-             for placed in selection.fit.candidate.effects[len(given):]]
-    there, again, alternatives = _selected(search(base.candidate, white.parts, LONG), white, known)
-    again = _supported(again, there, white)
-    wider = beam_search(again, there, alternatives, white)
-    if wider is not again:
-        again = _supported(_finalised(wider, white), there, white)
+    there, again = _found_by_likelihood(
+        search(base.candidate, white.parts, LONG), selection, white)
     again = _without_weak_dynamics(again, white, context)
     context.progress('trying free curves')
     again, found, replaced = with_curve(again, there, white)
@@ -152,6 +149,44 @@ def _by_likelihood(base: Fit, selection: Selection, context: Context) -> Explana
     first = search(selection.fit.candidate, white.parts, LONG)
     helps = held_out_gain(first, last, white.held_out, context.seed)
     return explained if helps.low > 0.0 else None
+
+
+def _found_by_likelihood(base: Fit, selection: Selection, white: Context
+                         ) -> tuple[Fit, Selection]:
+    """Search whitened data from what least squares found.
+
+    Where the two criteria agree on the effects, that is all. A search from several other models,
+    which takes most of the time of a trace, is for effects on which they do not.
+
+    Returns:
+        The base, fitted no worse, and what was found.
+    """
+    given = base.candidate.effects
+    known = [replace(base.candidate, values=selection.fit.candidate.values,
+                     effects=(*given, placed))
+             for placed in selection.fit.candidate.effects[len(given):]]
+    if known:
+        found = _improved(selection, base, white)
+        if (_ids(found.fit) == _ids(selection.fit) or len(found.findings) == MOST_EFFECTS
+                or not is_residual_structured(found, white)):
+            return base, found
+        alternatives = _first_alternatives(base, white, known)
+    else:
+        base, found, alternatives = _selected(base, white, known)
+        found = _supported(found, base, white)
+    base = white.best(base)
+    wider = beam_search(found, base, alternatives, white)
+    return base, (found if wider is found else
+                  _supported(_finalised(wider, white), base, white))
+
+
+def _improved(selection: Selection, base: Fit, white: Context) -> Selection:
+    """Replace or drop effects that least squares found, by likelihood, and add further ones."""
+    fit = search(selection.fit.candidate, white.parts, LONG)
+    better = exchange(replace(selection, fit=fit), white, last=True)
+    if 0 < len(better.findings) < MOST_EFFECTS:
+        better = select_forward(better, white.fit_alternatives(better.fit, LATER), white)
+    return _supported(_finalised(validated(better, base, white), white), base, white)
 
 
 def _without_weak_dynamics(selection: Selection, white: Context, context: Context) -> Selection:
@@ -197,19 +232,26 @@ def _as_measured(selection: Selection, parts: Sequence[Part]) -> Selection:
 
 
 def _selected(base: Fit, context: Context, known: Sequence[Model]
-              ) -> tuple[Fit, Selection, Sequence[Alternative]]:
+              ) -> tuple[Fit, Selection, list[Alternative]]:
     """Add effects to a model one after another.
 
     Returns:
         The base, fitted no worse than from the first effect; what passed all tests; and the first
         alternatives.
     """
-    alternatives = fit_alternatives(base, context.parts, context.times, ALL, afresh=True,
-                                    progress=context.progress, known=known)
-    context.remember(*(alternative.fit for alternative in alternatives))
+    alternatives = _first_alternatives(base, context, known)
     grown = select_forward(Selection(base), alternatives, context)
     base = context.best(base)
     return base, _finalised(validated(grown, base, context), context), alternatives
+
+
+def _first_alternatives(base: Fit, context: Context, known: Sequence[Model]
+                        ) -> list[Alternative]:
+    """Fit each effect on top of the base, from many starts."""
+    alternatives = fit_alternatives(base, context.parts, context.times, ALL, afresh=True,
+                                    progress=context.progress, known=known)
+    context.remember(*(alternative.fit for alternative in alternatives))
+    return alternatives
 
 
 def _finalised(selection: Selection, context: Context) -> Selection:

@@ -63,3 +63,23 @@ def test_a_delay_is_determined_whatever_its_derivatives_say_beside_a_small_inert
     assert errors['0:time'] > 0.9
     assert fit.candidate.effects[0].values[0] == pytest.approx(0.01, rel=0.05)
     assert is_determined(fit, 0, parts)
+
+
+@pytest.mark.parametrize(('offset', 'left'), [(0.005, ['friction']), (0.5, ['friction', 'bias'])])
+def test_an_offset_that_no_converter_resolves_is_dropped(offset, left):
+    """A force of 3e-5 of its range moves a slide by far more than this sensor resolves."""
+    plant = plant_named('positioning')
+    values = {'M': 20.0, 'F_v': 60.0}
+    ends = np.random.default_rng(0).uniform(-80.0, 80.0, 40)
+    effects = tuple(place(id, 'motor', given, plant) for id, given in (
+        ('friction', {'coulomb': 20.0}), ('bias', {'offset': offset})))
+    one = simulate(plant, values, effects,
+                   {'force': lambda t: ends[(4.0 * np.atleast_1d(t)).astype(int)]}, 8.0)
+    one.columns['x'][:] += 1e-7 * np.random.default_rng(1).standard_normal(len(one))
+    parts = parts_of(Recording((one,)), plant)
+    model = Model(plant, values, plant.sample_time, effects=effects)
+    fit, bare = search(model, parts, 40), search(replace(model, effects=()), parts, 40)
+    assert fit.error < 0.5 * search(model.without(1), parts, 40).error
+    findings = tuple(Finding(k, 0.0, 0.5, ()) for k in (0, 1))
+    kept = without_undetermined(Selection(fit, findings), bare, parts)
+    assert [placed.effect.id for placed in kept.fit.candidate.effects] == left
