@@ -3,7 +3,7 @@
 A plant that integrates accumulates disturbances, as the timing error of commands within a sample.
 Its residual is then a random walk, whose low frequencies dominate the sum of squares: a dead zone
 hardly differs from an offset. So where the residual of a first search is coloured, it is taken as
-noise, and the search is repeated by maximum likelihood: on parts with filters that whiten it.
+noise, and a second search maximises the likelihood: on parts with filters that whiten it.
 """
 from __future__ import annotations
 
@@ -82,7 +82,7 @@ def explain(base: Fit, context: Context, known: Sequence[Model]) -> Explanation:
         return Explanation(base, selection, None, None)
     found = None
     if is_coloured(selection.fit):
-        context.progress('repeating the search with coloured noise')
+        context.progress('searching with coloured noise')
         found = _by_likelihood(base, selection, context)
     if found is None:
         context.progress('trying free curves')
@@ -155,8 +155,8 @@ def _found_by_likelihood(base: Fit, selection: Selection, white: Context
                          ) -> tuple[Fit, Selection]:
     """Search whitened data from what least squares found.
 
-    Where the two criteria agree on the effects, that is all. A search from several other models,
-    which takes most of the time of a trace, is for effects on which they do not.
+    Where the two criteria agree on the effects, or these leave no structure, that is all. A search
+    from several models, which takes most of the time of a trace, is for the other recordings.
 
     Returns:
         The base, fitted no worse, and what was found.
