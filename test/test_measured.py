@@ -151,8 +151,8 @@ def test_excavator(joint: str, shell: Shell, tmp_path: Path) -> None:
     found = shell('trace', tmp_path / joint, '--plant', 'cylinder', '-o', tmp_path / 'out')
     effects = {effect['id']: effect['parameters'] for effect in found['effects']}
     # Beside the dead zone a limit, which nothing that is known of the machine excludes; and, as
-    # the page has it, said to be improbable, a lag of the bucket and a hysteresis of the boom.
-    doubtful = {'bucket': {'lag'}, 'boom': {'hysteresis'}}.get(joint, set())
+    # the page has it, said to be improbable, a lag of the bucket.
+    doubtful = {'lag'} if joint == 'bucket' else set()
     assert 'dead_zone' in effects
     assert set(effects) <= {'dead_zone', 'rate_limit', 'saturation'} | doubtful
     assert all(effect['probability'] < 0.5 for effect in found['effects']
