@@ -17,30 +17,55 @@ def law(v, s, p, z, h, c, z_next):  # type: ignore[no-untyped-def]
         g(velocity) = F_c + F_s exp(-(velocity / v_s)^2),
     and slide at it [Canudas de Wit et al. 1995, eqs 1 to 4, in the elastic-plastic limit of
     Dupont et al. 2002]. Solved for the end of the step, so that a stiff bristle holds the mass
-    rather than making it chatter (Moreau's time stepping); sigma = inf is Coulomb's law.
+    rather than making it chatter (Moreau's time stepping); sigma = inf is Coulomb's law, for which
+    the moment at which a mass comes to rest is found, too.
     With w > 0 the mass creeps instead of sticking: g tanh(velocity / w), and no bristles.
     """
     F_c, F_s, v_s, sigma, w = p[0], p[1], p[2], p[3], p[4]
     if h == 0.0:
         return v
-    # The force that would stop bristle and mass together at the end of the step.
-    free = s[0]
-    rigid = math.isinf(sigma)
-    stopping = free / c if rigid else sigma * (z[0] + h * free) / (1.0 + sigma * h * c)
-    # The sliding force is that of the mean velocity over the step, which is of second order.
-    before = max(math.copysign(1.0, free) * z[1], 0.0)
-    g = F_c + F_s * math.exp(-(before / v_s) ** 2)
-    for _ in range(2):
-        after = max(abs(free) - c * g, 0.0)
-        g = F_c + F_s * math.exp(-(0.5 * (before + after) / v_s) ** 2)
+    free, was = s[0], z[1]
+    if w == 0.0 and math.isinf(sigma):
+        side = math.copysign(1.0, was if was != 0.0 else free)
+        force = side * mean_force(F_c, F_s, v_s, c, abs(was), side * free)
+        z_next[1] = free - c * force
+        return v - force
+    g = sliding(F_c, F_s, v_s, c, max(math.copysign(1.0, free) * was, 0.0), abs(free))
     if w > 0.0:
         z_next[1] = creeping(free, c * g, w)
         return v - (free - z_next[1]) / c
-    force = min(max(stopping, -g), g)
+    # The force that would stop bristle and mass together at the end of the step.
+    force = min(max(sigma * (z[0] + h * free) / (1.0 + sigma * h * c), -g), g)
+    z_next[0] = force / sigma
     z_next[1] = free - c * force
-    if not rigid:
-        z_next[0] = force / sigma
     return v - force
+
+
+@compiled
+def sliding(F_c, F_s, v_s, c, before, free):  # type: ignore[no-untyped-def]
+    """Give g at the mean speed over a step from `before` to free - c g: of second order."""
+    g = F_c + F_s * math.exp(-(before / v_s) ** 2)
+    for _ in range(2):
+        after = max(free - c * g, 0.0)
+        g = F_c + F_s * math.exp(-(0.5 * (before + after) / v_s) ** 2)
+    return g
+
+
+@compiled
+def mean_force(F_c, F_s, v_s, c, before, free):  # type: ignore[no-untyped-def]
+    """Give the force against the motion, as its mean over a step, where nothing is elastic.
+
+    The step begins at a velocity `before`, not below zero, and would end at `free`. A mass that
+    comes to rest within it stays there, or slides back for the rest of the step with friction the
+    other way. Were it to rest until the end, its velocity would be off at each turn, by up to
+    that at the start.
+    """
+    g = sliding(F_c, F_s, v_s, c, before, free)
+    if free - c * g >= 0.0:
+        return g
+    back = before - free        # gained against the motion in a whole step
+    rest = 1.0 - before / (back + c * g)
+    return (free + rest * max(back - c * sliding(F_c, F_s, v_s, c, 0.0, back), 0.0)) / c
 
 
 @compiled
