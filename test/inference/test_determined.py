@@ -71,7 +71,7 @@ def test_an_offset_that_no_converter_resolves_is_dropped(offset, left):
     plant = plant_named('positioning')
     values = {'M': 20.0, 'F_v': 60.0}
     ends = np.random.default_rng(0).uniform(-80.0, 80.0, 40)
-    effects = tuple(place(id, 'motor', given, plant) for id, given in (
+    effects = tuple(place(name, 'motor', given, plant) for name, given in (
         ('friction', {'coulomb': 20.0}), ('bias', {'offset': offset})))
     one = simulate(plant, values, effects,
                    {'force': lambda t: ends[(4.0 * np.atleast_1d(t)).astype(int)]}, 8.0)
