@@ -18,6 +18,7 @@ from hydro_twin.fitting.parts import Part
 from hydro_twin.inference.beam import beam_search
 from hydro_twin.inference.context import Context, effects_of
 from hydro_twin.inference.continuation import from_short_windows, with_rivals_of_short_windows
+from hydro_twin.inference.criterion import CLEAR_DELTA_BIC, delta_bic
 from hydro_twin.inference.curve import FittedCurve, outweighs
 from hydro_twin.inference.curve_or_names import with_curve
 from hydro_twin.inference.findings import explained_share, other_findings, Selection
@@ -34,6 +35,7 @@ from hydro_twin.inference.stepwise import (
     LATER,
     MIN_EXPLAINED_SHARE,
     MOST_EFFECTS,
+    refined,
     select_forward,
     with_fine_steps,
     without_indistinct,
@@ -186,7 +188,23 @@ def _improved(selection: Selection, base: Fit, white: Context) -> Selection:
     better = exchange(replace(selection, fit=fit), white, last=True)
     if 0 < len(better.findings) < MOST_EFFECTS:
         better = select_forward(better, white.fit_alternatives(better.fit, LATER), white)
+    better = _without_needless(better, white)
     return _supported(_finalised(validated(better, base, white), white), base, white)
+
+
+def _without_needless(selection: Selection, context: Context) -> Selection:
+    """Drop each effect whose place a refinement of another takes, as the middle of a dead zone.
+
+    An offset that least squares took for such a zone stays beside it otherwise.
+    """
+    for k, found in enumerate(selection.findings if len(selection.findings) > 1 else ()):
+        (without,) = context.without(selection.fit, [found.index])
+        rest = other_findings(selection, k)
+        other = refined(Selection(without, rest), rest, context)
+        with_it, bare = delta_bic([selection.fit, other.fit])
+        if bare < with_it + CLEAR_DELTA_BIC:
+            return _without_needless(other, context)
+    return selection
 
 
 def _without_weak_dynamics(selection: Selection, white: Context, context: Context) -> Selection:

@@ -40,8 +40,9 @@ def recorded():
 
 
 @pytest.mark.slow
-def test_where_both_searches_name_the_same_the_error_of_the_run_decides(recorded):
+def test_where_both_searches_name_the_same_the_error_of_the_run_decides(recorded, monkeypatch):
     base, context = recorded
+    no_wider_search(monkeypatch)
     found = explain(base, context, [])
     assert is_coloured(found.fit)
     zone, = found.fit.candidate.effects
@@ -57,19 +58,45 @@ def test_where_both_searches_name_the_same_the_error_of_the_run_decides(recorded
     assert found.fit.error < from_truth.error
 
 
+@pytest.mark.slow
+def test_an_offset_that_stood_for_a_dead_zone_is_replaced_by_likelihood(recorded, monkeypatch):
+    def an_offset(base, context, known):
+        fit = search(replace(base.candidate, effects=(
+            place('bias', 'command', {'offset': 0.4}, PLANT),)), context.parts, 40)
+        return base, Selection(fit, (finding(base, fit, (), 0),)), []
+
+    monkeypatch.setattr(explanation, '_selected', an_offset)
+    no_wider_search(monkeypatch)
+    found = explain(*recorded, [])
+    zone, = found.fit.candidate.effects
+    assert zone.effect.id == 'dead_zone'
+    assert found.fit.whitened is not None
+
+
+def no_wider_search(monkeypatch):
+    """Fail where several models are searched."""
+    def wider(*_):
+        raise AssertionError('several models are searched')
+    monkeypatch.setattr(explanation, 'beam_search', wider)
+
+
 def stub_searches(monkeypatch, *selections):
     """Let the searches end with these, in turn; each is a function of base and context.
 
     Returns:
-        The models that each search was given to start from, once it has begun.
+        The models that a search from several models was given to start from, once it has begun.
     """
     ends, given = iter(selections), []
 
-    def grown(base, context, known):
-        given.append(known)
-        return base, next(ends)(base, context), []
+    def first_alternatives(base, context, known):
+        given.extend(known)
+        return []
 
-    monkeypatch.setattr(explanation, '_selected', grown)
+    monkeypatch.setattr(explanation, '_selected', lambda base, context, known: (
+        base, next(ends)(base, context), []))
+    monkeypatch.setattr(explanation, '_improved', lambda selection, base, white: next(ends)(
+        base, white))
+    monkeypatch.setattr(explanation, '_first_alternatives', first_alternatives)
     monkeypatch.setattr(explanation, 'with_curve', lambda selection, base, context:
                         (selection, None, None))
     return given
@@ -126,12 +153,12 @@ def test_names_that_explain_too_little_stand_where_no_curve_outweighs_them(
 
 
 @pytest.mark.slow
-def test_the_second_search_begins_with_the_parameters_found_beside_each_effect(
+def test_a_search_from_several_models_begins_with_the_parameters_found_beside_each_effect(
         recorded, monkeypatch):
     """The lack of a dead zone biases those of the linear fit."""
     given = stub_searches(monkeypatch, a_zone, nothing)
     found = explain(*recorded, [])
-    (start,) = given[1]
+    (start,) = given
     assert start.effects == found.fit.candidate.effects
     assert start.values == found.fit.candidate.values
     assert start.values['K_v'] > 1.1 * recorded[0].candidate.values['K_v']
