@@ -15,7 +15,7 @@ from typing import NamedTuple
 from hydro_twin.fitting.coloured import as_measured, is_coloured, whitened
 from hydro_twin.fitting.fit import Fit
 from hydro_twin.fitting.parts import Part
-from hydro_twin.inference.beam import beam_search
+from hydro_twin.inference.beam import beam_search, may_be_extended
 from hydro_twin.inference.context import Context, effects_of
 from hydro_twin.inference.continuation import from_short_windows, with_rivals_of_short_windows
 from hydro_twin.inference.criterion import CLEAR_DELTA_BIC, delta_bic
@@ -169,8 +169,8 @@ def _found_by_likelihood(base: Fit, selection: Selection, white: Context
              for placed in selection.fit.candidate.effects[len(given):]]
     if known:
         found = _improved(selection, base, white)
-        if (_ids(found.fit) == _ids(selection.fit) or len(found.findings) == MOST_EFFECTS
-                or not is_residual_structured(found, white)):
+        agreed = _ids(found.fit) == _ids(selection.fit)
+        if agreed or not may_be_extended(found, white):
             return base, found
         alternatives = _first_alternatives(base, white, known)
     else:
